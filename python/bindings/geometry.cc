@@ -1,0 +1,93 @@
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <limits>
+
+#include "bindings.h"
+#include "videogrammetry/geometry/camera.h"
+#include "videogrammetry/geometry/conic.h"
+#include "videogrammetry/geometry/rigid3.h"
+
+namespace py = pybind11;
+using namespace pybind11::literals;
+
+namespace videogrammetry::bindings {
+namespace {
+
+template <int Columns>
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Columns, Eigen::RowMajor>;
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+Rows<2> ProjectPoints(const Camera& camera, const Eigen::Ref<const Rows<3>>& points_in_cam) {
+  Rows<2> pixels(points_in_cam.rows(), 2);
+  for (Eigen::Index i = 0; i < points_in_cam.rows(); ++i) {
+    const auto pixel = Project(camera, points_in_cam.row(i).transpose());
+    pixels.row(i) = pixel ? pixel->transpose() : Eigen::RowVector2d(kNan, kNan);
+  }
+  return pixels;
+}
+
+py::tuple ProjectWithJacobians(const Camera& camera,
+                               const Eigen::Ref<const Rows<3>>& points_in_cam) {
+  const Eigen::Index n = points_in_cam.rows();
+  Rows<2> pixels(n, 2);
+  py::array_t<double> by_point({n, Eigen::Index{2}, Eigen::Index{3}});
+  py::array_t<double> by_interior({n, Eigen::Index{2}, Eigen::Index{kNumInterior}});
+  auto point_view = by_point.mutable_unchecked<3>();
+  auto interior_view = by_interior.mutable_unchecked<3>();
+  for (Eigen::Index i = 0; i < n; ++i) {
+    ProjectionJacobians jacobians;
+    const auto pixel = Project(camera, points_in_cam.row(i).transpose(), &jacobians);
+    pixels.row(i) = pixel ? pixel->transpose() : Eigen::RowVector2d(kNan, kNan);
+    if (!pixel) {
+      jacobians.by_point.setConstant(kNan);
+      jacobians.by_interior.setConstant(kNan);
+    }
+    for (int r = 0; r < 2; ++r) {
+      for (int c = 0; c < 3; ++c) point_view(i, r, c) = jacobians.by_point(r, c);
+      for (int c = 0; c < kNumInterior; ++c) interior_view(i, r, c) = jacobians.by_interior(r, c);
+    }
+  }
+  return py::make_tuple(pixels, by_point, by_interior);
+}
+
+Rows<3> Rays(const Camera& camera, const Eigen::Ref<const Rows<2>>& pixels) {
+  Rows<3> rays(pixels.rows(), 3);
+  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+    const auto ray = RayThroughPixel(camera, pixels.row(i).transpose());
+    rays.row(i) = ray ? ray->transpose() : Eigen::RowVector3d(kNan, kNan, kNan);
+  }
+  return rays;
+}
+
+}  // namespace
+
+void BindGeometry(py::module_& parent) {
+  py::module_ m = parent.def_submodule("geometry");
+  py::class_<Camera>(m, "Camera")
+      .def(py::init([](int width_px, int height_px,
+                       const Eigen::Matrix<double, kNumInterior, 1>& interior, double r0_px,
+                       bool measured) {
+             return Camera{width_px, height_px, interior, r0_px,
+                           measured ? DistortionDirection::kMeasured : DistortionDirection::kIdeal};
+           }),
+           "width_px"_a, "height_px"_a, "interior"_a, "r0_px"_a, "measured"_a = true)
+      .def_readonly("width_px", &Camera::width_px)
+      .def_readonly("height_px", &Camera::height_px)
+      .def_readonly("interior", &Camera::interior)
+      .def_readonly("r0_px", &Camera::r0_px)
+      .def_property_readonly("measured", [](const Camera& c) {
+        return c.direction == DistortionDirection::kMeasured;
+      });
+  m.def("default_r0_px", &DefaultR0Px, "width_px"_a, "height_px"_a);
+  m.def("project", &ProjectPoints, "camera"_a, "points_in_cam"_a,
+        py::call_guard<py::gil_scoped_release>());
+  m.def("project_with_jacobians", &ProjectWithJacobians, "camera"_a, "points_in_cam"_a);
+  m.def("rays", &Rays, "camera"_a, "pixels"_a, py::call_guard<py::gil_scoped_release>());
+  m.def("rotation_from_vector", &RotationFromVector, "rotation_rad"_a);
+  m.def("vector_from_rotation", &VectorFromRotation, "rotation"_a);
+  m.def("nearest_rotation", &NearestRotation, "matrix"_a);
+}
+
+}  // namespace videogrammetry::bindings

@@ -1,0 +1,212 @@
+"""The nouns that flow between the rooms: frozen dataclasses of arrays.
+
+Frames and units as everywhere in this package: pixel (0, 0) is the centre of
+the top-left pixel, x right, y down; camera axes z forward, x right, y down;
+lengths in mm, times in s, angles in rad. ``a_from_b`` names a transform.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+
+#: Order of the ten interior parameters in every vector, matrix and file.
+INTERIOR_NAMES = ("f", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "E1", "E2")
+
+#: Order of a symmetric 3x3 covariance stored as six numbers.
+COV6_ORDER = ("xx", "xy", "xz", "yy", "yz", "zz")
+_COV6_ROWS = np.array([0, 0, 0, 1, 1, 2])
+_COV6_COLS = np.array([0, 1, 2, 1, 2, 2])
+
+
+def cov6_from_matrix(matrix: FloatArray) -> FloatArray:
+    """Six numbers (xx, xy, xz, yy, yz, zz) of symmetric matrices (..., 3, 3).
+
+    Examples
+    --------
+    >>> cov6_from_matrix(np.diag([1.0, 2.0, 3.0])).tolist()
+    [1.0, 0.0, 0.0, 2.0, 0.0, 3.0]
+    """
+    return np.ascontiguousarray(np.asarray(matrix)[..., _COV6_ROWS, _COV6_COLS])
+
+
+def matrix_from_cov6(cov6: FloatArray) -> FloatArray:
+    """Symmetric matrices (..., 3, 3) of the six numbers (..., 6).
+
+    Examples
+    --------
+    >>> matrix_from_cov6(np.array([1.0, 0.5, 0.0, 2.0, 0.0, 3.0]))[0].tolist()
+    [1.0, 0.5, 0.0]
+    """
+    cov6 = np.asarray(cov6, dtype=float)
+    matrix = np.empty((*cov6.shape[:-1], 3, 3))
+    matrix[..., _COV6_ROWS, _COV6_COLS] = cov6
+    matrix[..., _COV6_COLS, _COV6_ROWS] = cov6
+    return matrix
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """A sequence of frames of one camera: what a reader of a format provides.
+
+    ``read`` may be called from several threads at once. Frames are numbered
+    from 0 here (stages count from 1 in files and results).
+    """
+
+    @property
+    def image_size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        ...
+
+    @property
+    def frame_rate_hz(self) -> float | None:
+        """Frames a second as the file says, or None."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        ...
+
+    def name(self, index: int) -> str:
+        """Name of a frame for tables and messages (a file's name, no folder)."""
+        ...
+
+    def read(self, index: int) -> npt.NDArray[Any]:
+        """The frame: (height, width), uint8 or uint16, C-contiguous."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Targets:
+    """The targets recognised in one picture.
+
+    Attributes
+    ----------
+    centre_px : (N, 2) ellipse centres x, y, not corrected for eccentricity.
+    semi_axes_px : (N, 2) semi-major and semi-minor axis.
+    angle_rad : (N,) direction of the major axis from x towards y, in [0, pi).
+    id : (N,) code number, -1 = un-coded or not read.
+    cov : (N, 5, 5) covariance of (x, y, semi-major, semi-minor, angle), in px
+        and rad, from the residuals of the edge points.
+    edge_rms_px : (N,) RMS distance of the edge points from the ellipse.
+    contrast : (N,) grey-value difference across the edge, in grey levels.
+    ring_status : (N,) index into ``RING_STATUS``: why a target has no ID.
+    """
+
+    centre_px: FloatArray
+    semi_axes_px: FloatArray
+    angle_rad: FloatArray
+    id: IntArray
+    cov: FloatArray
+    edge_rms_px: FloatArray
+    contrast: FloatArray
+    ring_status: npt.NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @property
+    def sigma_px(self) -> FloatArray:
+        """(N, 2) standard deviations of the centre."""
+        return np.sqrt(np.stack([self.cov[:, 0, 0], self.cov[:, 1, 1]], axis=1))
+
+    def select(self, index: Any) -> Targets:
+        """The targets of an index array or mask, in its order."""
+        return Targets(**{name: getattr(self, name)[index] for name in _TARGET_FIELDS})
+
+
+_TARGET_FIELDS = tuple(Targets.__dataclass_fields__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointSet:
+    """Known or measured points of an object: a points CSV.
+
+    Attributes
+    ----------
+    id : (N,) numbers, unique.
+    position_mm : (N, 3).
+    cov_mm2 : (N, 6) in the order of ``COV6_ORDER``, or None where unknown.
+    normal : (N, 3) unit normals or None; diameter_mm : (N,) or None.
+    """
+
+    id: IntArray
+    position_mm: FloatArray
+    cov_mm2: FloatArray | None = None
+    normal: FloatArray | None = None
+    diameter_mm: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observations:
+    """Image points of known identity: an observations CSV, one row a point.
+
+    Attributes
+    ----------
+    image : names of the pictures, indexed by ``image_index`` (M,).
+    point_id : (M,) numbers of the points; -1 = not yet identified.
+    xy_px : (M, 2). cov_px2 : (M, 3) xx, xy, yy.
+    """
+
+    image: tuple[str, ...]
+    image_index: IntArray
+    point_id: IntArray
+    xy_px: FloatArray
+    cov_px2: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.point_id)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigCamera:
+    """One camera of a rig: interior parameters and exterior orientation.
+
+    ``interior`` holds f, x0, y0, A1, A2, A3, B1, B2, E1, E2 (``INTERIOR_NAMES``;
+    pixels) for the polynomial of the measured point (``measured`` True: the
+    paper's direction) or of the ideal point. ``sigma`` maps a parameter's name
+    (also ``rx, ry, rz`` in rad, ``tx, ty, tz`` in mm) to its standard deviation;
+    a rotation's is of the rotation vector applied on the left of cam_from_world.
+    """
+
+    image_size_px: tuple[int, int]
+    interior: FloatArray
+    r0_px: float
+    rotation: FloatArray
+    translation_mm: FloatArray
+    measured: bool = True
+    sigma: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigData:
+    """The cameras of a rig with their covariance: what rig.json and rig.npz hold.
+
+    Attributes
+    ----------
+    cameras : name -> RigCamera, in the project's order.
+    reference : the frame's origin, in words ("camera left").
+    cov : (P, P) covariance of the parameters in ``cov_names`` or None.
+    cov_names : "camera/parameter" for each row of ``cov``.
+    sigma_floor_px : camera -> standard deviation of an image coordinate that
+        adds to what the edges of a target say (lens, flatness, synchronism),
+        estimated by the calibration.
+    how : method, options, input hashes, version, time, statistics.
+    """
+
+    cameras: Mapping[str, RigCamera]
+    reference: str = ""
+    cov: FloatArray | None = None
+    cov_names: tuple[str, ...] = ()
+    sigma_floor_px: Mapping[str, float] = field(default_factory=dict)
+    how: Mapping[str, Any] = field(default_factory=dict)

@@ -6,5 +6,9 @@
 namespace videogrammetry::bindings {
 
 void BindGeometry(pybind11::module_& m);
+void BindMatching(pybind11::module_& m);
+void BindReconstruction(pybind11::module_& m);
+void BindAdjustment(pybind11::module_& m);
+void BindRecognition(pybind11::module_& m);
 
 }  // namespace videogrammetry::bindings

@@ -13,4 +13,8 @@ PYBIND11_MODULE(_core, m) {
     return videogrammetry::InstructionSetName(videogrammetry::DetectInstructionSet());
   });
   videogrammetry::bindings::BindGeometry(m);
+  videogrammetry::bindings::BindMatching(m);
+  videogrammetry::bindings::BindReconstruction(m);
+  videogrammetry::bindings::BindAdjustment(m);
+  videogrammetry::bindings::BindRecognition(m);
 }

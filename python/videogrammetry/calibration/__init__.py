@@ -1,0 +1,1 @@
+"""Calibration of the cameras from pictures of a known target."""

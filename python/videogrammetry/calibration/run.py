@@ -1,0 +1,169 @@
+"""What goes into a calibration and what comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet, RigData
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameTargets:
+    """The targets of one camera's picture of one stage.
+
+    Attributes
+    ----------
+    stage : number of the stage, from 1; equal in two cameras = synchronous.
+    image : the picture's name, for messages and tables.
+    id : (N,) the target's number, -1 = un-coded or not read.
+    xy_px : (N, 2) centres. cov_px2 : (N, 3) xx, xy, yy.
+    """
+
+    stage: int
+    image: str
+    id: IntArray
+    xy_px: FloatArray
+    cov_px2: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFrames:
+    """One camera's pictures of the calibration target.
+
+    ``start`` gives start values (``f_px``, ``x0_px``, ``y0_px``, ``A1``...);
+    ``free`` the interior parameters to estimate (None: all ten, each kept only
+    if significant); ``r0_px`` None = 2/3 of the half diagonal.
+    """
+
+    name: str
+    image_size_px: tuple[int, int]
+    frames: Sequence[FrameTargets]
+    start: Mapping[str, float] = field(default_factory=dict)
+    free: tuple[str, ...] | None = None
+    r0_px: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationOptions:
+    """How to calibrate.
+
+    Attributes
+    ----------
+    method : "joint" (one pose a target position, constant relative poses of
+        the cameras) or "mean" (the paper's Eqs. 7-8).
+    sigma_mm : standard deviation of the target's coordinates, per axis; None:
+        the target file's sigmas, else 0.1 mm per metre of its size.
+    critical_value : an observation whose normalised residual is larger is
+        rejected (Baarda's w-test; 3.29 is 0.1 %).
+    max_image_rms_px : "mean" drops a picture whose residuals are larger (RMS
+        per coordinate); None: three times the median picture's.
+    significance : a parameter offered but smaller than this many of its
+        standard deviations is dropped when ``free`` is None.
+    num_threads : 0 = one a core.
+    """
+
+    method: str = "joint"
+    sigma_mm: float | None = None
+    critical_value: float = 3.29
+    max_image_rms_px: float | None = None
+    significance: float = 2.58
+    num_threads: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationTable:
+    """Every observation that had a known point, used or rejected; arrays of length M.
+
+    ``residual_px`` = measured - adjusted. ``normalised`` = w of Baarda's test
+    per coordinate. ``used`` False where rejected.
+    """
+
+    camera: IntArray
+    stage: IntArray
+    point_id: IntArray
+    xy_px: FloatArray
+    sigma_px: FloatArray
+    residual_px: FloatArray
+    normalised: FloatArray
+    redundancy: FloatArray
+    used: npt.NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.point_id)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rejection:
+    """One thing that was measured and not used, and why.
+
+    ``kind``: "observation", "image", "target", "parameter" or "unknown-target";
+    ``reason`` is a sentence for people; ``value`` the number that decided.
+    """
+
+    kind: str
+    camera: str
+    image: str
+    point_id: int | None
+    value: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationRun:
+    """Result of a calibration.
+
+    Attributes
+    ----------
+    rig : the cameras with their covariance; frame: the first camera's.
+    method : "joint" or "mean".
+    camera_names, image_names : names of ``observations.camera`` and of
+        (camera, stage) pictures.
+    rig_from_target : stage -> (rotation (3, 3), translation_mm (3,)).
+    target : adjusted target coordinates with covariance.
+    sigma0 : a-posteriori standard deviation of unit weight.
+    rms_px : RMS re-projection residual per coordinate of the used observations.
+    redundancy, num_unknowns, num_observations : counts (coordinates).
+    camera_rms_px, camera_count : per camera.
+    parameters_kept : camera -> names of the interior parameters estimated.
+    rejected, warnings : for the report and the terminal.
+    seconds : time the calculation took.
+    """
+
+    rig: RigData
+    method: str
+    camera_names: tuple[str, ...]
+    image_names: Mapping[tuple[str, int], str]
+    rig_from_target: Mapping[int, tuple[FloatArray, FloatArray]]
+    target: PointSet
+    observations: ObservationTable
+    sigma0: float
+    rms_px: float
+    redundancy: int
+    num_unknowns: int
+    num_observations: int
+    camera_rms_px: Mapping[str, float]
+    camera_count: Mapping[str, int]
+    parameters_kept: Mapping[str, tuple[str, ...]]
+    rejected: tuple[Rejection, ...] = ()
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+
+def check_free(names: Sequence[str], where: str) -> tuple[str, ...]:
+    """The names as a tuple; ValueError names an unknown interior parameter.
+
+    Examples
+    --------
+    >>> check_free(["f", "x0"], "[calibration] free")
+    ('f', 'x0')
+    """
+    for name in names:
+        if name not in INTERIOR_NAMES:
+            raise ValueError(
+                f"{where}: unknown interior parameter {name!r}; known: {', '.join(INTERIOR_NAMES)}"
+            )
+    return tuple(names)

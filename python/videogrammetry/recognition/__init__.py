@@ -1,0 +1,1 @@
+"""Recognition: pictures to targets."""

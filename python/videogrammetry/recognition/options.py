@@ -1,0 +1,37 @@
+"""Options of recognition; fields and defaults equal those of the C++ struct (a test holds them)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Why a target has no ID, by ``Targets.ring_status``.
+RING_STATUS = (
+    "coded",  # 0: the ring agrees unambiguously with one code of the family
+    "no ring",  # 1: nothing bright around the dot: an un-coded target
+    "ring cut",  # 2: the ring leaves the picture
+    "ring unclear",  # 3: grey values of the sectors are not two separate groups
+    "edges off",  # 4: bright-dark changes do not fall on the sectors' borders
+    "not in table",  # 5: a clear code that the family does not have
+    "mirrored",  # 6: a code only when read in the other direction
+    "duplicate",  # 7: the same ID stands at several places of the picture
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecognitionOptions:
+    """What to look for and how.
+
+    Attributes
+    ----------
+    codes : a family (``schneider-14``, ...), the path of a table file, or ``none``.
+    direction : ``clockwise`` or ``counter-clockwise`` as seen in the picture.
+    polarity : ``white-on-black`` or ``black-on-white``.
+    diameter_px : smallest minor and largest major axis of a dot, full lengths.
+    method : ``local-canny``, the paper's way.
+    """
+
+    codes: str = "schneider-14"
+    direction: str = "clockwise"
+    polarity: str = "white-on-black"
+    diameter_px: tuple[float, float] = (5.0, 200.0)
+    method: str = "local-canny"

@@ -1,0 +1,5 @@
+"""Matching: targets of all cameras to points."""
+
+from videogrammetry.matching.match import TARGET_STATUS, MatchingOptions, match_stage
+
+__all__ = ["TARGET_STATUS", "MatchingOptions", "match_stage"]

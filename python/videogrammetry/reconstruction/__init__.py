@@ -1,0 +1,9 @@
+"""Reconstruction: matches to points with covariance."""
+
+from videogrammetry.reconstruction.triangulate import (
+    TRIANGULATION_STATUS,
+    reconstruct_stage,
+    triangulate,
+)
+
+__all__ = ["TRIANGULATION_STATUS", "reconstruct_stage", "triangulate"]

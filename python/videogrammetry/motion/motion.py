@@ -32,7 +32,7 @@ def step(position: FloatArray, cov: FloatArray) -> tuple[FloatArray, FloatArray]
     Examples
     --------
     >>> d, c = step(np.array([[0.0, 0, 0], [1, 2, 3]]), np.ones((2, 6)))
-    >>> d.tolist()[0], c[0, 0]
+    >>> d.tolist()[0], float(c[0, 0])
     ([1.0, 2.0, 3.0], 2.0)
     """
     difference = np.full_like(position, np.nan)
@@ -69,7 +69,7 @@ def velocity(
     --------
     >>> x = np.array([[0.0, 0, 0], [1, 0, 0], [4, 0, 0]])
     >>> v, c = velocity(x, np.ones((3, 6)), np.array([0.0, 1.0, 2.0]))
-    >>> v[1].tolist(), c[1, 0], np.isnan(v[[0, 2]]).all()
+    >>> v[1].tolist(), float(c[1, 0]), bool(np.isnan(v[[0, 2]]).all())
     ([2.0, 0.0, 0.0], 0.5, True)
     """
     speed = np.full_like(position, np.nan)

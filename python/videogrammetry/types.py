@@ -321,7 +321,7 @@ class Motion:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TargetTable:
+class TargetRecords:
     """Every target seen in a measurement, one row each.
 
     ``point_id`` is the trajectory that the target went into, -1 = none;
@@ -355,7 +355,7 @@ class Measurement:
 
     trajectories: Trajectories
     motion: Motion
-    targets: TargetTable
+    targets: TargetRecords
     image_name: tuple[tuple[str, ...], ...]
     frame_rate_hz: float | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from videogrammetry.types import FloatArray, IntArray, StagePoints, Trajectories, cov6_from_matrix
 
 _MIN_COMMON = 4  # three points fix a rigid motion, the fourth checks it
+_MAX_ROUNDS = 6
 _NO_LINK = 1e9
 
 
@@ -22,12 +22,12 @@ class LinkOptions:
 
     Attributes
     ----------
-    gate_sigma : a prediction from coded neighbours may be missed by this many
-        of its standard deviations.
+    gate_sigma : where the coded points move as a rigid body, a prediction may
+        be missed by this many of its standard deviations.
     max_share_of_spacing : and by at most this share of the distance to the
         nearest other point, so that neighbours are never exchanged; in (0, 0.5).
-    neighbours : coded points around a point whose motion it follows where the
-        object as a whole does not move rigidly.
+    neighbours : where the object bends, a point follows the coded points
+        around it: this many lie within the weight's reach.
     """
 
     gate_sigma: float = 5.0
@@ -35,11 +35,13 @@ class LinkOptions:
     neighbours: int = 6
 
 
-def fit_rigid(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+def fit_rigid(
+    a: FloatArray, b: FloatArray, weight: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, float]:
     """Best-fit motion a_from_b of points (N, 3): rotation, translation, RMS per coordinate.
 
-    Least squares over rotation and translation (Kabsch); the RMS counts the
-    six unknowns.
+    Weighted least squares over rotation and translation (Kabsch); the RMS
+    counts the six unknowns.
 
     Examples
     --------
@@ -48,31 +50,31 @@ def fit_rigid(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, flo
     >>> translation.round(9).tolist(), round(rms, 9)
     ([1.0, 2.0, 3.0], 0.0)
     """
-    mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
-    u, _, vt = np.linalg.svd((a - mean_a).T @ (b - mean_b))
+    w = np.full(len(a), 1.0) if weight is None else weight / weight.mean()
+    mean_a, mean_b = (w @ a) / w.sum(), (w @ b) / w.sum()
+    u, _, vt = np.linalg.svd((a - mean_a).T @ (w[:, None] * (b - mean_b)))
     sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
     rotation = u @ sign @ vt
     translation = mean_a - rotation @ mean_b
     residual = a - (b @ rotation.T + translation)
     redundancy = max(3 * len(a) - 6, 1)
-    return rotation, translation, float(np.sqrt((residual**2).sum() / redundancy))
+    return rotation, translation, float(np.sqrt((w[:, None] * residual**2).sum() / redundancy))
 
 
 @dataclass
 class _Snapshot:
-    """The points of one stage with their final numbers."""
+    """The points of one stage; ``id`` -1 where not yet identified."""
 
     id: IntArray
     position_mm: FloatArray
     sigma_mm: FloatArray
-    coded: npt.NDArray[np.bool_]
 
 
 @dataclass
 class _Predictions:
     id: IntArray
     position_mm: FloatArray
-    gate_mm: FloatArray  # NaN: no motion known, the spacing alone decides
+    gate_mm: FloatArray  # NaN: the spacing alone decides
 
 
 class _Linker:
@@ -84,27 +86,32 @@ class _Linker:
 
     def add(self, points: StagePoints) -> IntArray:
         """Numbers for the points of the next stage."""
-        coded = points.id >= 0
-        numbers = points.id.astype(np.int32).copy()
+        loose = np.flatnonzero(points.id < 0)
         sigma = np.sqrt(np.trace(points.cov_image_mm2, axis1=1, axis2=2) / 3)
-        now = _Snapshot(numbers, points.position_mm, sigma, coded)
-        loose = np.flatnonzero(~coded)
-        predicted = self._predict(now)
-        for row, number in self._assign(now, loose, predicted):
-            numbers[row] = number
+        now = _Snapshot(points.id.astype(np.int32).copy(), points.position_mm, sigma)
+        # What is linked guides what is not: bending is followed from the coded
+        # points outwards.
+        for _ in range(_MAX_ROUNDS):
+            links = self._assign(now, self._predict(now))
+            for row, number in links:
+                now.id[row] = number
+            if not links:
+                break
         for row in loose:
-            if numbers[row] < 0:
-                numbers[row] = self.next_id
+            if now.id[row] < 0:
+                now.id[row] = self.next_id
                 self.next_id += 1
-            self.last_seen[int(numbers[row])] = len(self.stages)
+            self.last_seen[int(now.id[row])] = len(self.stages)
         self.stages.append(now)
-        return numbers
+        return now.id
 
     def _predict(self, now: _Snapshot) -> _Predictions:
-        """Where every known un-coded point should be, from the stage that saw it last."""
+        """Where every missing known point should be, from the stage that saw it last."""
+        found = set(now.id.tolist())
         by_stage: dict[int, list[int]] = {}
         for number, stage in self.last_seen.items():
-            by_stage.setdefault(stage, []).append(number)
+            if number not in found:
+                by_stage.setdefault(stage, []).append(number)
         parts = [
             self._predict_from(self.stages[s], now, np.array(n)) for s, n in by_stage.items()
         ]
@@ -118,51 +125,45 @@ class _Linker:
 
     def _predict_from(self, old: _Snapshot, now: _Snapshot, numbers: IntArray) -> _Predictions:
         row_of = {int(n): i for i, n in enumerate(old.id)}
-        rows = np.array([row_of[int(n)] for n in numbers])
-        start = old.position_mm[rows]
-        _, i, j = np.intersect1d(
-            np.where(old.coded, old.id, -1 - np.arange(len(old.id))),
-            np.where(now.coded, now.id, -1_000_000 - np.arange(len(now.id))),
-            return_indices=True,
-        )
+        start = old.position_mm[[row_of[int(n)] for n in numbers]]
+        identified = np.flatnonzero(now.id >= 0)
+        _, i, j = np.intersect1d(old.id, now.id[identified], return_indices=True)
         if len(i) < _MIN_COMMON:
             return _Predictions(numbers, start, np.full(len(numbers), np.nan))
+        j = identified[j]
         before, after = old.position_mm[i], now.position_mm[j]
         noise = float(np.sqrt(np.median(old.sigma_mm[i]) ** 2 + np.median(now.sigma_mm[j]) ** 2))
         rotation, translation, rms = fit_rigid(after, before)
         if rms < 5 * noise:  # the object moves rigidly within its noise
-            spread = max(rms, noise)
-            return _Predictions(
-                numbers,
-                start @ rotation.T + translation,
-                np.full(len(numbers), self.options.gate_sigma * spread * np.sqrt(3)),
-            )
-        return self._predict_locally(numbers, start, before, after, noise)
+            gate = self.options.gate_sigma * max(rms, noise) * np.sqrt(3)
+            moved = start @ rotation.T + translation
+            return _Predictions(numbers, moved, np.full(len(numbers), gate))
+        return self._predict_locally(numbers, start, before, after)
 
     def _predict_locally(
-        self,
-        numbers: IntArray,
-        start: FloatArray,
-        before: FloatArray,
-        after: FloatArray,
-        noise: float,
+        self, numbers: IntArray, start: FloatArray, before: FloatArray, after: FloatArray
     ) -> _Predictions:
-        count = min(max(self.options.neighbours, _MIN_COMMON), len(before))
-        _, near = cKDTree(before).query(start, k=count)
-        position = np.empty_like(start)
-        gate = np.empty(len(start))
-        for k, index in enumerate(np.atleast_2d(near)):
-            rotation, translation, rms = fit_rigid(after[index], before[index])
-            position[k] = rotation @ start[k] + translation
-            gate[k] = self.options.gate_sigma * max(rms, noise) * np.sqrt(3)
-        return _Predictions(numbers, position, gate)
+        """The rigid motion of the coded points around, the nearer the heavier.
 
-    def _assign(
-        self, now: _Snapshot, loose: npt.NDArray[np.intp], predicted: _Predictions
-    ) -> list[tuple[int, int]]:
+        How far the object bends between them is not known: the spacing alone
+        limits the gate. All points keep some weight, because the nearest may
+        stand in one line and then leave the turn about it open.
+        """
+        position = np.empty_like(start)
+        count = min(self.options.neighbours, len(before))
+        for k, point in enumerate(start):
+            distance = np.linalg.norm(before - point, axis=1)
+            reach = np.partition(distance, count - 1)[count - 1]
+            weight = 1 / (1 + (distance / reach) ** 2) ** 2
+            rotation, translation, _ = fit_rigid(after, before, weight)
+            position[k] = rotation @ point + translation
+        return _Predictions(numbers, position, np.full(len(start), np.nan))
+
+    def _assign(self, now: _Snapshot, predicted: _Predictions) -> list[tuple[int, int]]:
+        loose = np.flatnonzero(now.id < 0)
         if not len(loose) or not len(predicted.id):
             return []
-        gate = self._limit_by_spacing(predicted, now.position_mm[loose])
+        gate = self._limit_by_spacing(predicted, now.position_mm)
         distance = np.linalg.norm(
             predicted.position_mm[:, None] - now.position_mm[loose][None], axis=2
         )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence import grey_from_rgb, open_sequence
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence import check_same_length, open_sequence
 from videogrammetry.types import FrameSource

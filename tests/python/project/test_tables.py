@@ -196,8 +196,8 @@ def some_targets(ids: list[int]) -> Targets:
 def test_targets_round_trip(tmp_path: Path) -> None:
     first, second = some_targets([4, -1, -1]), some_targets([4])
     pictures = [
-        ("a.tif", "", None, first),
-        ("b.tif", "left", 2, second),
+        ("a", "", None, first),
+        ("b", "left", 2, second),
         ("c", "", None, some_targets([])),
     ]
     text = format_targets(target_table(pictures))

@@ -1,0 +1,284 @@
+"""The rig file: rig.json, and its covariance in rig.npz beside it.
+
+Layout (schema 1), keys as in docs/conventions.md: pixels for the ten interior
+parameters and r0, a 3x3 matrix and mm for ``cam_from_world``; ``sigma`` has the
+same names, its ``rotation`` being three angles in rad, the standard deviations
+of the rotation vector applied on the left of cam_from_world. ``covariance``
+names the ``.npz`` (arrays ``cov`` and ``names``, "camera/parameter") and its
+SHA-256, so that a covariance of another calibration is never taken.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from videogrammetry.errors import ProjectFileError
+from videogrammetry.project.atomic import write_bytes, write_text
+from videogrammetry.project.provenance import plain, sha256_of
+from videogrammetry.project.toml_table import nearest
+from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera, RigData
+
+#: The version of the file's layout that this program writes and reads.
+SCHEMA = 1
+#: Names of the ten interior parameters in the file: f, x0, y0 carry their unit.
+INTERIOR_KEYS = tuple(
+    f"{name}_px" if name in ("f", "x0", "y0") else name for name in INTERIOR_NAMES
+)
+ROTATION_NAMES = ("rx", "ry", "rz")
+TRANSLATION_NAMES = ("tx", "ty", "tz")
+
+_RIG_KEYS = ("schema", "distortion", "cameras", "reference", "how", "covariance")
+_CAMERA_KEYS = ("image_size_px", *INTERIOR_KEYS, "r0_px", "cam_from_world")
+_CAMERA_OPTIONAL = ("sigma", "sigma_floor_px")
+_SIGMA_KEYS = (*INTERIOR_KEYS, "cam_from_world")
+_POSE_KEYS = ("rotation", "translation_mm")
+_ROTATION_TOLERANCE = 1e-6
+
+
+def write_rig(path: str | os.PathLike[str], rig: RigData) -> None:
+    """Writes rig.json, and rig.npz beside it if the rig has a covariance.
+
+    Floats are written so that reading gives the same bits back.
+    """
+    target = Path(path)
+    directions = {camera.measured for camera in rig.cameras.values()}
+    if len(directions) != 1:
+        raise ValueError("rig: expected one direction of distortion for all cameras, got both")
+    document: dict[str, Any] = {
+        "schema": SCHEMA,
+        "distortion": "measured" if directions.pop() else "ideal",
+        "cameras": {
+            name: _camera_to_json(camera, rig.sigma_floor_px.get(name))
+            for name, camera in rig.cameras.items()
+        },
+        "reference": rig.reference,
+        "how": plain(rig.how),
+    }
+    beside = target.with_suffix(".npz")
+    if rig.cov is not None:
+        data = _npz_bytes(rig.cov, rig.cov_names)
+        write_bytes(beside, data)
+        document["covariance"] = {"file": beside.name, "sha256": sha256_of(beside)}
+    write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n")
+    if rig.cov is None:
+        beside.unlink(missing_ok=True)
+
+
+def _npz_bytes(cov: FloatArray, names: tuple[str, ...]) -> bytes:
+    if cov.shape != (len(names), len(names)):
+        raise ValueError(f"cov: expected {len(names)} rows as cov_names, got shape {cov.shape}")
+    data = io.BytesIO()
+    np.savez(data, cov=cov, names=np.array(names, dtype=np.str_))
+    return data.getvalue()
+
+
+def _camera_to_json(camera: RigCamera, sigma_floor_px: float | None) -> dict[str, Any]:
+    values = [float(v) for v in camera.interior]
+    result: dict[str, Any] = {"image_size_px": [int(v) for v in camera.image_size_px]}
+    result.update(zip(INTERIOR_KEYS, values, strict=True))
+    result["r0_px"] = float(camera.r0_px)
+    result["cam_from_world"] = {
+        "rotation": np.asarray(camera.rotation, dtype=float).tolist(),
+        "translation_mm": np.asarray(camera.translation_mm, dtype=float).tolist(),
+    }
+    sigma = _sigma_to_json(camera.sigma)
+    if sigma:
+        result["sigma"] = sigma
+    if sigma_floor_px is not None:
+        result["sigma_floor_px"] = float(sigma_floor_px)
+    return result
+
+
+def _sigma_to_json(sigma: Mapping[str, float]) -> dict[str, Any]:
+    known = (*INTERIOR_NAMES, *ROTATION_NAMES, *TRANSLATION_NAMES)
+    for name in sigma:
+        if name not in known:
+            raise ValueError(f"sigma: {name!r} is not a parameter{nearest(name, known)}")
+    result: dict[str, Any] = {
+        key: float(sigma[name])
+        for key, name in zip(INTERIOR_KEYS, INTERIOR_NAMES, strict=True)
+        if name in sigma and math.isfinite(sigma[name])
+    }
+    pose = {}
+    for key, names in zip(_POSE_KEYS, (ROTATION_NAMES, TRANSLATION_NAMES), strict=True):
+        if all(name in sigma and math.isfinite(sigma[name]) for name in names):
+            pose[key] = [float(sigma[name]) for name in names]
+    if pose:
+        result["cam_from_world"] = pose
+    return result
+
+
+def read_rig(path: str | os.PathLike[str]) -> RigData:
+    """Reads a rig file.
+
+    Raises
+    ------
+    ProjectFileError
+        Not there, damaged, of a newer schema, a key missing or wrong, or the
+        covariance missing or of another calibration.
+    """
+    file = Path(path)
+    reader = _Reader(file)
+    document = reader.document()
+    reader.check_keys(document, "the rig", _RIG_KEYS[:3], _RIG_KEYS[3:])
+    measured = document["distortion"] == "measured"
+    if document["distortion"] not in ("measured", "ideal"):
+        raise reader.error(f"distortion is {document['distortion']!r}, not 'measured' or 'ideal'")
+    cameras = document["cameras"]
+    if not isinstance(cameras, dict) or not cameras:
+        raise reader.error("it names no camera")
+    cov, names = reader.covariance(document.get("covariance"))
+    floors = {n: c["sigma_floor_px"] for n, c in cameras.items() if _has(c, "sigma_floor_px")}
+    return RigData(
+        cameras={name: reader.camera(name, item, measured) for name, item in cameras.items()},
+        reference=str(document.get("reference", "")),
+        cov=cov,
+        cov_names=names,
+        sigma_floor_px={n: reader.number(f, f"{n} sigma_floor_px") for n, f in floors.items()},
+        how=document.get("how") or {},
+    )
+
+
+def _has(item: Any, key: str) -> bool:
+    return isinstance(item, dict) and item.get(key) is not None
+
+
+class _Reader:
+    """Takes a rig document apart; every error names the file."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    def error(self, what: str, remedy: str = "calibrate again, or correct it") -> ProjectFileError:
+        return ProjectFileError(f"{self._file}: {what}; {remedy}")
+
+    def document(self) -> dict[str, Any]:
+        """The JSON object, its schema checked."""
+        if not self._file.is_file():
+            raise self.error("there is no such rig file", "run calibrate first")
+        try:
+            document = json.loads(self._file.read_text(encoding="utf-8-sig"))
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise self.error(
+                f"not a whole JSON file ({error}): it is damaged or cut short",
+                "copy it again, or calibrate again",
+            ) from error
+        if not isinstance(document, dict) or "cameras" not in document:
+            raise self.error("this JSON file is no rig: it has no 'cameras'", "give a rig.json")
+        schema = document.get("schema")
+        if not isinstance(schema, int) or isinstance(schema, bool) or schema < 1:
+            raise self.error(f"schema is {schema!r}: expected {SCHEMA}")
+        if schema > SCHEMA:
+            raise self.error(
+                f"schema {schema} is newer than this program, which reads up to {SCHEMA}",
+                "update videogrammetry",
+            )
+        return document
+
+    def check_keys(
+        self, item: Any, where: str, needed: tuple[str, ...], optional: tuple[str, ...]
+    ) -> None:
+        """All needed keys are there and no unknown one."""
+        if not isinstance(item, dict):
+            raise self.error(f"{where} is not a JSON object")
+        for key in needed:
+            if key not in item:
+                raise self.error(f"{where} has no {key}")
+        for key in item:
+            if key not in (*needed, *optional):
+                raise self.error(
+                    f"{where} has the unknown key {key!r}{nearest(key, (*needed, *optional))}"
+                )
+
+    def number(self, value: Any, where: str) -> float:
+        """A finite number."""
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
+            raise self.error(f"{where} is {value!r}, not a finite number")
+        return float(value)
+
+    def array(self, value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
+        """Finite numbers in the given shape."""
+        try:
+            result = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            result = np.empty(0)
+        if result.shape != shape or not np.isfinite(result).all():
+            size = "x".join(map(str, shape))
+            raise self.error(f"{where} is not {size} finite numbers")
+        return result
+
+    def camera(self, name: str, item: Any, measured: bool) -> RigCamera:
+        """One camera, checked."""
+        where = f"camera {name!r}"
+        self.check_keys(item, where, _CAMERA_KEYS, _CAMERA_OPTIONAL)
+        size = self.array(item["image_size_px"], (2,), f"{where} image_size_px")
+        if not all(v > 0 and v == int(v) for v in size):
+            raise self.error(f"{where} image_size_px is {item['image_size_px']}")
+        pose = item["cam_from_world"]
+        self.check_keys(pose, f"{where} cam_from_world", _POSE_KEYS, ())
+        rotation = self.array(pose["rotation"], (3, 3), f"{where} rotation")
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if off > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise self.error(f"{where} rotation is not a rotation matrix (off by {off:.2g})")
+        interior = np.array([self.number(item[k], f"{where} {k}") for k in INTERIOR_KEYS])
+        r0_px = self.number(item["r0_px"], f"{where} r0_px")
+        if interior[0] <= 0 or r0_px < 0:
+            raise self.error(f"{where} f_px is {interior[0]}, r0_px {r0_px}: out of range")
+        return RigCamera(
+            image_size_px=(int(size[0]), int(size[1])),
+            interior=interior,
+            r0_px=r0_px,
+            rotation=rotation,
+            translation_mm=self.array(pose["translation_mm"], (3,), f"{where} translation_mm"),
+            measured=measured,
+            sigma=self.sigma(item.get("sigma") or {}, f"{where} sigma"),
+        )
+
+    def sigma(self, item: Any, where: str) -> dict[str, float]:
+        """Standard deviations by parameter name."""
+        self.check_keys(item, where, (), _SIGMA_KEYS)
+        result = {
+            name: self.number(item[key], f"{where} {key}")
+            for key, name in zip(INTERIOR_KEYS, INTERIOR_NAMES, strict=True)
+            if key in item
+        }
+        pose = item.get("cam_from_world", {})
+        self.check_keys(pose, f"{where} cam_from_world", (), _POSE_KEYS)
+        for key, names in zip(_POSE_KEYS, (ROTATION_NAMES, TRANSLATION_NAMES), strict=True):
+            if key in pose:
+                values = self.array(pose[key], (3,), f"{where} cam_from_world {key}")
+                result.update(zip(names, values.tolist(), strict=True))
+        return result
+
+    def covariance(self, item: Any) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """The matrix and the names of its rows, from the file that the rig names."""
+        if item is None:
+            return None, ()
+        self.check_keys(item, "covariance", ("file", "sha256"), ())
+        beside = self._file.parent / str(item["file"])
+        remedy = "copy it beside the rig file, or take 'covariance' out of that to do without"
+        if not beside.is_file():
+            raise self.error(f"its covariance {beside.name} is not there", remedy)
+        if sha256_of(beside) != item["sha256"]:
+            raise self.error(
+                f"{beside.name} beside it is damaged or belongs to another calibration", remedy
+            )
+        try:
+            with np.load(beside, allow_pickle=False) as arrays:
+                cov, names = arrays["cov"], tuple(str(n) for n in arrays["names"])
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            raise self.error(f"{beside.name} cannot be read ({error})", remedy) from error
+        return self.array(cov, (len(names), len(names)), beside.name), names

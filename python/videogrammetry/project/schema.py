@@ -1,0 +1,365 @@
+"""The project file, project.toml: what it may say, and as frozen dataclasses.
+
+Reading is strict: an unknown key, a wrong type or a value out of range is a
+ProjectFileError that names file, line and the nearest known key. File names in
+it are relative to the file. docs/how-to/first-measurement.md has an example.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from videogrammetry.errors import ProjectFileError
+from videogrammetry.project.toml_table import TomlTable, nearest
+from videogrammetry.types import INTERIOR_NAMES
+
+#: The version of the file's layout that this program writes and reads.
+SCHEMA = 1
+MAX_CAMERAS = 64
+DIRECTIONS = ("clockwise", "counter-clockwise")
+POLARITIES = ("white-on-black", "black-on-white")
+FILTERS = ("none", "savitzky-golay", "butterworth")
+START_NAMES = ("f_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "E1", "E2")
+
+_FAMILY = re.compile(r"(schneider|metashape)-\d+|none")
+_CAMERA_NAME = re.compile(r"[^\s+,/\\\"']([^+,/\\\"'\n]*[^\s+,/\\\"'])?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSection:
+    """``[cameras.NAME]``.
+
+    Attributes
+    ----------
+    calibration, sequence : files, folders or patterns, relative to the project
+        file (for ``sequence.open_sequence``), or None. ``calibration`` may also
+        be one observations CSV, see :attr:`observations`.
+    image_size_px : (width, height), needed with an observations CSV only.
+    start : start values by ``START_NAMES``, pixels.
+    free : interior parameters to estimate, this camera's or ``[calibration]``'s;
+        None: all ten, each kept only if significant.
+    r0_px : this camera's or ``[calibration]``'s; None: 2/3 of the half diagonal.
+    """
+
+    name: str
+    calibration: tuple[str, ...] | None = None
+    sequence: tuple[str, ...] | None = None
+    image_size_px: tuple[int, int] | None = None
+    start: Mapping[str, float] = field(default_factory=dict)
+    free: tuple[str, ...] | None = None
+    r0_px: float | None = None
+
+    @property
+    def observations(self) -> str | None:
+        """The observations CSV that stands for calibration pictures, or None."""
+        if self.calibration and self.calibration[0].lower().endswith(".csv"):
+            return self.calibration[0]
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationSection:
+    """``[calibration]``: target and scale bars (CSV files) and how good the target is."""
+
+    target: Path | None = None
+    sigma_mm: float | None = None
+    scale_bars: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetsSection:
+    """``[targets]``: what the targets look like.
+
+    ``codes`` is a family's name, ``none``, or the absolute path of a table file.
+    ``diameter_px`` is the smallest minor and the largest major axis;
+    ``diameter_mm`` the circle's diameter, for the correction of eccentricity;
+    ``thickness_mm`` a sticker's height over the surface.
+    """
+
+    codes: str = "schneider-14"
+    direction: str = "clockwise"
+    polarity: str = "white-on-black"
+    diameter_px: tuple[float, float] = (5.0, 200.0)
+    method: str = "local-canny"
+    diameter_mm: float | None = None
+    thickness_mm: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceSection:
+    """``[sequence]``: frame rate over the files' own; stages to take, inclusive, from 1."""
+
+    frame_rate_hz: float | None = None
+    first: int = 1
+    last: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilitySection:
+    """``[stability]``: points that do not move, a points CSV."""
+
+    points: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSection:
+    """``[motion]``: the stage that displacements refer to, and the smoothing filter.
+
+    ``filter_window`` (stages, odd) and ``filter_order`` are for savitzky-golay,
+    ``filter_order`` and ``filter_cutoff_hz`` for butterworth.
+    """
+
+    reference_stage: int = 1
+    filter: str = "none"
+    filter_window: int = 5
+    filter_order: int = 2
+    filter_cutoff_hz: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Project:
+    """A project file as read; ``path`` is absolute."""
+
+    path: Path
+    name: str
+    cameras: Mapping[str, CameraSection]
+    calibration: CalibrationSection = field(default_factory=CalibrationSection)
+    targets: TargetsSection = field(default_factory=TargetsSection)
+    sequence: SequenceSection = field(default_factory=SequenceSection)
+    stability: StabilitySection = field(default_factory=StabilitySection)
+    motion: MotionSection = field(default_factory=MotionSection)
+
+    @property
+    def folder(self) -> Path:
+        """Where relative names start from, and where the results lie."""
+        return self.path.parent
+
+    @property
+    def rig_path(self) -> Path:
+        """rig.json beside the project file."""
+        return self.folder / "rig.json"
+
+    @property
+    def measurement_path(self) -> Path:
+        """measurement.h5 beside the project file."""
+        return self.folder / "measurement.h5"
+
+
+def read_project(path: str | os.PathLike[str]) -> Project:
+    """Reads a project file, or the project.toml of a folder.
+
+    Raises
+    ------
+    ProjectFileError
+        Not there, not TOML, unknown key, wrong value, newer schema: the message
+        names file, line and remedy. Files that it names are not looked at yet.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / "project.toml"
+    if not file.is_file():
+        raise ProjectFileError(
+            f"{file}: there is no such project file; give the path of a project.toml"
+        )
+    root = TomlTable.load(file)
+    _check_schema(root)
+    folder = file.resolve().parent
+    name = root.string("name", folder.name)
+    sections = ("cameras", "calibration", "targets", "sequence", "stability", "motion")
+    tables = {section: root.table(section) for section in sections}
+    root.finish()
+    return Project(
+        path=file.resolve(),
+        name=name,
+        cameras=_cameras(tables["cameras"], tables["calibration"]),
+        calibration=_calibration(tables["calibration"], folder),
+        targets=_targets(tables["targets"], folder),
+        sequence=_sequence(tables["sequence"]),
+        stability=_stability(tables["stability"], folder),
+        motion=_motion(tables["motion"]),
+    )
+
+
+def _check_schema(root: TomlTable) -> None:
+    if "schema" not in root.names():
+        raise root.error(None, f"schema is missing: write schema = {SCHEMA} on its first line")
+    schema = root.integer("schema")
+    if schema > SCHEMA:
+        raise root.error(
+            "schema",
+            f"= {schema} is newer than this program, which reads up to {SCHEMA}: "
+            "update videogrammetry",
+        )
+    if schema < 1:
+        raise root.error("schema", f"= {schema} has never been: write schema = {SCHEMA}")
+
+
+def _cameras(table: TomlTable, calibration: TomlTable) -> dict[str, CameraSection]:
+    names = table.names()
+    if not names:
+        raise table.error(None, "names no camera: add a table [cameras.NAME] for each")
+    if len(names) > MAX_CAMERAS:
+        raise table.error(None, f"has {len(names)} cameras: at most {MAX_CAMERAS} are possible")
+    for name in names:
+        if not _CAMERA_NAME.fullmatch(name):
+            raise table.error(
+                name, "is not a possible camera name: no + , / \\ quotes or outer spaces in it"
+            )
+    r0_px = calibration.number("r0_px", None, above=0)
+    frees = _frees(calibration, names)
+    return {name: _camera(table.table(name), name, frees[name], r0_px) for name in names}
+
+
+def _frees(calibration: TomlTable, cameras: list[str]) -> dict[str, tuple[str, ...] | None]:
+    """``[calibration] free``: one list for all cameras, or a table of lists by camera."""
+    if not calibration.is_table("free"):
+        free = _interior_names(calibration, "free")
+        return dict.fromkeys(cameras, free)
+    table = calibration.table("free")
+    for name in table.names():
+        if name not in cameras:
+            raise table.error(name, f"is not a camera of this project{nearest(name, cameras)}")
+    return {name: _interior_names(table, name) for name in cameras}
+
+
+def _interior_names(table: TomlTable, key: str) -> tuple[str, ...] | None:
+    names: tuple[str, ...] | None = table.strings(key, None)
+    for name in names or ():
+        if name not in INTERIOR_NAMES:
+            raise table.error(
+                key, f"has {name!r}, which is no interior parameter{nearest(name, INTERIOR_NAMES)}"
+            )
+    if names is not None and len(set(names)) < len(names):
+        raise table.error(key, "names a parameter twice: take one away")
+    return names
+
+
+def _camera(
+    table: TomlTable, name: str, free: tuple[str, ...] | None, r0_px: float | None
+) -> CameraSection:
+    size = table.numbers("image_size_px", 2, None, what="[width, height]")
+    if size is not None and not all(isinstance(v, int) for v in size):
+        raise table.error("image_size_px", f"= {list(size)}: expected whole numbers of pixels")
+    own_free = _interior_names(table, "free")
+    camera = CameraSection(
+        name=name,
+        calibration=table.strings("calibration", None),
+        sequence=table.strings("sequence", None),
+        image_size_px=size,
+        start=_start(table.table("start")),
+        free=free if own_free is None else own_free,
+        r0_px=table.number("r0_px", r0_px, above=0),
+    )
+    table.finish()
+    if camera.observations is not None:
+        if len(camera.calibration or ()) > 1:
+            raise table.error("calibration", "mixes an observations CSV with other files")
+        if size is None:
+            raise table.error(
+                "calibration",
+                "is a table of observations, which does not say how large the pictures are: "
+                "add image_size_px = [width, height]",
+            )
+    return camera
+
+
+def _start(table: TomlTable) -> dict[str, float]:
+    start = {key: table.number(key, None) for key in START_NAMES if key != "f_px"}
+    start["f_px"] = table.number("f_px", None, above=0)
+    f_mm = table.number("f_mm", None, above=0)
+    pixel_mm = table.number("pixel_mm", None, above=0)
+    table.finish()
+    if (f_mm is None) != (pixel_mm is None):
+        raise table.error(None, "needs f_mm and pixel_mm together, or f_px alone")
+    if f_mm is not None:
+        if start["f_px"] is not None:
+            raise table.error("f_mm", "and f_px are both given: take one away")
+        start["f_px"] = f_mm / pixel_mm
+    return {key: start[key] for key in START_NAMES if start[key] is not None}
+
+
+def _file(table: TomlTable, key: str, folder: Path) -> Path | None:
+    name = table.string(key, None)
+    return None if name is None else folder / name
+
+
+def _calibration(table: TomlTable, folder: Path) -> CalibrationSection:
+    section = CalibrationSection(
+        target=_file(table, "target", folder),
+        sigma_mm=table.number("sigma_mm", None, above=0),
+        scale_bars=_file(table, "scale_bars", folder),
+    )
+    table.finish()
+    return section
+
+
+def _targets(table: TomlTable, folder: Path) -> TargetsSection:
+    default = TargetsSection()
+    codes = table.string("codes", default.codes)
+    if not _FAMILY.fullmatch(codes):
+        if not (folder / codes).is_file():
+            raise table.error(
+                "codes",
+                f"= {codes!r} is neither a family (schneider-14, metashape-12, ...), nor none, "
+                f"nor a table file in {folder}",
+            )
+        codes = str(folder / codes)
+    what = "[smallest, largest] diameter in pixels"
+    smallest, largest = table.numbers("diameter_px", 2, default.diameter_px, what=what)
+    if smallest >= largest:
+        raise table.error("diameter_px", f"= [{smallest}, {largest}]: expected {what}")
+    thickness_mm = table.number("thickness_mm", default.thickness_mm)
+    if thickness_mm < 0:
+        raise table.error("thickness_mm", f"= {thickness_mm:g} is negative: expected 0 or more")
+    section = TargetsSection(
+        codes=codes,
+        direction=table.choice("direction", DIRECTIONS, default.direction),
+        polarity=table.choice("polarity", POLARITIES, default.polarity),
+        diameter_px=(float(smallest), float(largest)),
+        method=table.string("method", default.method),
+        diameter_mm=table.number("diameter_mm", None, above=0),
+        thickness_mm=thickness_mm,
+    )
+    table.finish()
+    return section
+
+
+def _sequence(table: TomlTable) -> SequenceSection:
+    section = SequenceSection(
+        frame_rate_hz=table.number("frame_rate_hz", None, above=0),
+        first=table.integer("first", 1, minimum=1),
+        last=table.integer("last", None, minimum=1),
+    )
+    table.finish()
+    if section.last is not None and section.last < section.first:
+        raise table.error("last", f"= {section.last} comes before first = {section.first}")
+    return section
+
+
+def _stability(table: TomlTable, folder: Path) -> StabilitySection:
+    section = StabilitySection(points=_file(table, "points", folder))
+    table.finish()
+    return section
+
+
+def _motion(table: TomlTable) -> MotionSection:
+    default = MotionSection()
+    section = MotionSection(
+        reference_stage=table.integer("reference_stage", default.reference_stage, minimum=1),
+        filter=table.choice("filter", FILTERS, default.filter),
+        filter_window=table.integer("filter_window", default.filter_window, minimum=3),
+        filter_order=table.integer("filter_order", default.filter_order, minimum=1),
+        filter_cutoff_hz=table.number("filter_cutoff_hz", None, above=0),
+    )
+    table.finish()
+    if section.filter_window % 2 == 0 or section.filter_window <= section.filter_order:
+        raise table.error(
+            "filter_window", "must be odd and larger than filter_order, so that it has a middle"
+        )
+    if section.filter == "butterworth" and section.filter_cutoff_hz is None:
+        raise table.error("filter", "= 'butterworth' needs filter_cutoff_hz")
+    return section

@@ -1,0 +1,319 @@
+"""The CSV tables that users give and get: points, observations, scale bars, targets.
+
+Columns are those of docs/conventions.md; lengths mm, angles rad, pixels with
+(0, 0) in the centre of the top-left pixel. Readers are strict (TableError names
+file, line, column, value and remedy), writers write all or nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from videogrammetry.errors import TableError
+from videogrammetry.project.atomic import atomic_path
+from videogrammetry.project.csv_table import CsvTable, format_csv, read_csv, write_csv
+from videogrammetry.types import FloatArray, IntArray, Observations, PointSet, Targets
+
+POINT_COLUMNS = ("id", "x_mm", "y_mm", "z_mm")
+POINT_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+POINT_NORMAL = ("nx", "ny", "nz")
+OBSERVATION_COLUMNS = ("image", "point", "x_px", "y_px")
+SCALE_BAR_COLUMNS = ("point_a", "point_b", "length_mm", "sigma_mm")
+SCALE_BAR_OPTIONAL = ("alpha_per_K", "temperature_C", "reference_C", "certificate")
+TARGET_COLUMNS = (
+    *("image", "camera", "stage", "id", "x_px", "y_px", "semi_major_px", "semi_minor_px"),
+    *("angle_rad", "sigma_x_px", "sigma_y_px"),
+)
+#: A priori standard deviation of an observation whose table states none.
+DEFAULT_SIGMA_PX = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleBar:
+    """A known distance between two points; temperatures in degrees Celsius, None = not stated."""
+
+    point_a: int
+    point_b: int
+    length_mm: float
+    sigma_mm: float
+    alpha_per_K: float | None = None
+    temperature_C: float | None = None
+    reference_C: float | None = None
+    certificate: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetTable:
+    """A targets CSV: the targets of many pictures, one row each.
+
+    Attributes
+    ----------
+    image, camera : (N,) texts; ``camera`` empty where unknown.
+    stage : (N,) from 1; 0 = not stated. id : (N,) code number or -1.
+    xy_px, semi_axes_px : (N, 2). angle_rad : (N,).
+    sigma_px : (N, 2), NaN where not stated.
+    """
+
+    image: tuple[str, ...]
+    camera: tuple[str, ...]
+    stage: IntArray
+    id: IntArray
+    xy_px: FloatArray
+    semi_axes_px: FloatArray
+    angle_rad: FloatArray
+    sigma_px: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+def _positive(value: float) -> bool:
+    return value > 0
+
+
+def read_points(path: str | os.PathLike[str]) -> PointSet:
+    """Reads a points CSV; full covariances from the ``.npz`` beside it if that is there.
+
+    Sigma columns are all there or none, and filled for all points or for none.
+    Normals and diameters may be empty for single points (NaN).
+
+    Raises
+    ------
+    TableError
+        Among other things for a repeated id, or a letter in a number.
+    """
+    optional = (*POINT_SIGMAS, *POINT_NORMAL, "diameter_mm")
+    table = read_csv(path, POINT_COLUMNS, optional)
+    for group in (POINT_SIGMAS, POINT_NORMAL):
+        _all_or_none(table, group)
+    table.refuse_repeats(["id"], "point")
+    ids = table.integers("id")
+    if len(np.unique(ids)) < len(ids):  # "7" and "07"
+        raise TableError(f"{table.path}: an id stands twice; every point has its own number")
+    cov_mm2 = _cov_of_sigmas(table)
+    if table.has_values(POINT_SIGMAS[0]):
+        cov_mm2 = _full_covariance(Path(path).with_suffix(".npz"), ids, cov_mm2)
+    diameters = table.has_values("diameter_mm")
+    return PointSet(
+        id=ids,
+        position_mm=np.stack([table.floats(c) for c in POINT_COLUMNS[1:]], axis=1),
+        cov_mm2=cov_mm2,
+        normal=_normals(table) if table.has_values("nx") else None,
+        diameter_mm=table.floats(
+            "diameter_mm", empty=np.nan, check=_positive, expected="a positive length"
+        )
+        if diameters
+        else None,
+    )
+
+
+def _all_or_none(table: CsvTable, group: Sequence[str]) -> None:
+    there = [name for name in group if name in table]
+    if there and len(there) < len(group):
+        missing = next(name for name in group if name not in table)
+        raise TableError(
+            f"{table.path}, line 1: column {missing} is missing beside {', '.join(there)}: "
+            f"give all of {', '.join(group)}, or none"
+        )
+
+
+def _cov_of_sigmas(table: CsvTable) -> FloatArray | None:
+    if not any(table.has_values(name) for name in POINT_SIGMAS):
+        return None
+    sigmas = [table.floats(c, check=_positive, expected="a positive sigma") for c in POINT_SIGMAS]
+    cov = np.zeros((len(table), 6))
+    for column, sigma in zip((0, 3, 5), sigmas, strict=True):
+        cov[:, column] = sigma**2
+    return cov
+
+
+def _normals(table: CsvTable) -> FloatArray:
+    normals = np.stack([table.floats(c, empty=np.nan) for c in POINT_NORMAL], axis=1)
+    lengths = np.linalg.norm(normals, axis=1)
+    for row in range(len(table)):
+        nothing = [c for c in POINT_NORMAL if not table.texts(c)[row]]
+        if 0 < len(nothing) < 3 or lengths[row] == 0:
+            raise table.error(row, "nx", "the normal is zero or not whole: give nx, ny and nz")
+    return np.asarray(normals / lengths[:, None])
+
+
+def _full_covariance(path: Path, ids: IntArray, cov: FloatArray | None) -> FloatArray | None:
+    """cov_mm2 of the ``.npz`` beside the table, if it is of these very points."""
+    if not path.is_file():
+        return cov
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            if "cov_mm2" not in arrays or "id" not in arrays:
+                return cov
+            full_ids, full = arrays["id"], np.asarray(arrays["cov_mm2"], dtype=float)
+    except (OSError, ValueError, EOFError) as error:
+        raise TableError(
+            f"{path}: damaged ({error}); write the points again, or delete this file to go on "
+            "with the standard deviations of the table beside it"
+        ) from error
+    same = full.shape == (len(ids), 6) and np.array_equal(full_ids, ids) and cov is not None
+    # The table's rounding to 12 digits is all that may differ.
+    if not same or not np.allclose(full[:, [0, 3, 5]], cov[:, [0, 3, 5]], rtol=1e-9, atol=0):  # type: ignore[index]
+        raise TableError(
+            f"{path}: covariances of other points than those of the table beside it; "
+            "delete the one that is out of date"
+        )
+    return full
+
+
+def write_points(path: str | os.PathLike[str], points: PointSet) -> None:
+    """Writes a points CSV, and a ``.npz`` beside it if points have correlated coordinates."""
+    header, columns = list(POINT_COLUMNS), [points.id, *points.position_mm.T]
+    full = Path(path).with_suffix(".npz")
+    if points.cov_mm2 is not None:
+        header += POINT_SIGMAS
+        columns += [np.sqrt(points.cov_mm2[:, i]) for i in (0, 3, 5)]
+    if points.normal is not None:
+        header += POINT_NORMAL
+        columns += [*points.normal.T]
+    if points.diameter_mm is not None:
+        header.append("diameter_mm")
+        columns.append(points.diameter_mm)
+    if points.cov_mm2 is not None and np.any(points.cov_mm2[:, [1, 2, 4]]):
+        with atomic_path(full) as beside:
+            np.savez(beside, id=points.id, cov_mm2=points.cov_mm2, order="xx,xy,xz,yy,yz,zz")
+    write_csv(path, header, columns)
+
+
+def read_observations(
+    path: str | os.PathLike[str], default_sigma_px: float = DEFAULT_SIGMA_PX
+) -> Observations:
+    """Reads an observations CSV; an empty ``point`` is -1: not yet identified."""
+    table = read_csv(path, OBSERVATION_COLUMNS, ("sigma_px",))
+    for row, image in enumerate(table.texts("image")):
+        if not image:
+            raise table.error(row, "image", "is empty: name the picture")
+    table.refuse_repeats(["image", "point"], "observation", unless_empty="point")
+    images = tuple(dict.fromkeys(table.texts("image")))
+    number = {name: i for i, name in enumerate(images)}
+    sigma = np.full(len(table), default_sigma_px)
+    if "sigma_px" in table:
+        sigma = table.floats(
+            "sigma_px", empty=default_sigma_px, check=_positive, expected="a positive sigma"
+        )
+    return Observations(
+        image=images,
+        image_index=np.array([number[name] for name in table.texts("image")], dtype=np.int32),
+        point_id=table.integers("point", empty=-1),
+        xy_px=np.stack([table.floats("x_px"), table.floats("y_px")], axis=1),
+        cov_px2=np.stack([sigma**2, np.zeros(len(table)), sigma**2], axis=1),
+    )
+
+
+def write_observations(path: str | os.PathLike[str], observations: Observations) -> None:
+    """Writes an observations CSV; ``sigma_px`` is the RMS of the two coordinates' sigmas."""
+    cov = observations.cov_px2
+    columns = [
+        [observations.image[i] for i in observations.image_index],
+        [None if i < 0 else int(i) for i in observations.point_id],
+        *observations.xy_px.T,
+        np.sqrt((cov[:, 0] + cov[:, 2]) / 2),
+    ]
+    write_csv(path, (*OBSERVATION_COLUMNS, "sigma_px"), columns)
+
+
+def read_scale_bars(path: str | os.PathLike[str]) -> list[ScaleBar]:
+    """Reads a scale-bar CSV."""
+    table = read_csv(path, SCALE_BAR_COLUMNS, SCALE_BAR_OPTIONAL)
+    ends = table.integers("point_a"), table.integers("point_b")
+    lengths = table.floats("length_mm", check=_positive, expected="a positive length")
+    sigmas = table.floats("sigma_mm", check=_positive, expected="a positive sigma")
+    thermal = {
+        name: table.floats(name, empty=np.nan) if name in table else np.full(len(table), np.nan)
+        for name in SCALE_BAR_OPTIONAL[:3]
+    }
+    bars = []
+    for row in range(len(table)):
+        if ends[0][row] == ends[1][row]:
+            raise table.error(row, "point_b", "both ends are the same point: correct one")
+        given = {k: None if np.isnan(v[row]) else float(v[row]) for k, v in thermal.items()}
+        bars.append(
+            ScaleBar(
+                point_a=int(ends[0][row]),
+                point_b=int(ends[1][row]),
+                length_mm=float(lengths[row]),
+                sigma_mm=float(sigmas[row]),
+                certificate=table.texts("certificate")[row] if "certificate" in table else "",
+                **given,
+            )
+        )
+    return bars
+
+
+def write_scale_bars(path: str | os.PathLike[str], bars: Sequence[ScaleBar]) -> None:
+    """Writes a scale-bar CSV with all its columns."""
+    header = (*SCALE_BAR_COLUMNS, *SCALE_BAR_OPTIONAL)
+    write_csv(path, header, [[getattr(bar, name) for bar in bars] for name in header])
+
+
+def read_targets(path: str | os.PathLike[str]) -> TargetTable:
+    """Reads a targets CSV; an ID may stand once in a picture."""
+    table = read_csv(path, TARGET_COLUMNS)
+    for row, image in enumerate(table.texts("image")):
+        if not image:
+            raise table.error(row, "image", "is empty: name the picture")
+    table.refuse_repeats(["image", "camera", "stage", "id"], "target", unless_empty="id")
+    axes = [
+        table.floats(c, check=_positive, expected="a positive length")
+        for c in ("semi_major_px", "semi_minor_px")
+    ]
+    sigmas = [
+        table.floats(c, empty=np.nan, check=_positive, expected="a positive sigma")
+        for c in ("sigma_x_px", "sigma_y_px")
+    ]
+    return TargetTable(
+        image=tuple(table.texts("image")),
+        camera=tuple(table.texts("camera")),
+        stage=table.integers("stage", empty=0, minimum=1),
+        id=table.integers("id", empty=-1),
+        xy_px=np.stack([table.floats("x_px"), table.floats("y_px")], axis=1),
+        semi_axes_px=np.stack(axes, axis=1),
+        angle_rad=table.floats("angle_rad"),
+        sigma_px=np.stack(sigmas, axis=1),
+    )
+
+
+def target_table(pictures: Iterable[tuple[str, str, int | None, Targets]]) -> TargetTable:
+    """One table of (image, camera or "", stage or None, targets) of many pictures."""
+    items = list(pictures)
+    counts = [len(targets) for *_, targets in items]
+
+    def joined(name: str, width: int) -> FloatArray:
+        parts = [np.asarray(getattr(t, name), dtype=float).reshape(-1, width) for *_, t in items]
+        return np.concatenate([np.empty((0, width)), *parts])
+
+    return TargetTable(
+        image=tuple(i for (i, _, _, t) in items for _ in range(len(t))),
+        camera=tuple(c for (_, c, _, t) in items for _ in range(len(t))),
+        stage=np.repeat(np.array([s or 0 for _, _, s, _ in items], dtype=np.int32), counts),
+        id=joined("id", 1)[:, 0].astype(np.int32),
+        xy_px=joined("centre_px", 2),
+        semi_axes_px=joined("semi_axes_px", 2),
+        angle_rad=joined("angle_rad", 1)[:, 0],
+        sigma_px=joined("sigma_px", 2),
+    )
+
+
+def format_targets(table: TargetTable) -> str:
+    """The text of a targets CSV."""
+    columns = [
+        table.image,
+        table.camera,
+        [int(s) or None for s in table.stage],
+        [None if i < 0 else int(i) for i in table.id],
+        *table.xy_px.T,
+        *table.semi_axes_px.T,
+        table.angle_rad,
+        *table.sigma_px.T,
+    ]
+    return format_csv(TARGET_COLUMNS, columns)

@@ -1,0 +1,59 @@
+"""From a specification to a sequence."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from videogrammetry.errors import SequenceError
+from videogrammetry.sequence.formats import known_suffixes, open_file
+from videogrammetry.sequence.select import find_files
+from videogrammetry.sequence.source import JoinedSource
+
+#: A file, folder or pattern, or several of these, read one after the other.
+SequenceSpec = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+
+def open_sequence(
+    spec: SequenceSpec,
+    base_dir: str | os.PathLike[str] | None = None,
+    *,
+    same_size: bool = True,
+) -> JoinedSource:
+    """Opens the frames of one camera; only headers are read here.
+
+    Parameters
+    ----------
+    spec : a picture or sequence file, a folder, a pattern (``*``, ``?``,
+        ``[...]``, ``**``, ``{a,b}``), or a list of these. Within each, files
+        are in natural order (``img9`` before ``img10``).
+    base_dir : what relative names start from; None: the current folder.
+    same_size : whether frames of different sizes are an error, as they are
+        for one camera.
+
+    Raises
+    ------
+    SequenceError
+        Nothing matches; a file is no picture, empty, cut short, or of another
+        size than the first. The message names it.
+    """
+    base = Path() if base_dir is None else Path(base_dir)
+    specs = [spec] if isinstance(spec, str | os.PathLike) else list(spec)
+    if not specs:
+        raise SequenceError("an empty list names no picture: give a file, a folder or a pattern")
+    paths = [path for one in specs for path in find_files(one, base, known_suffixes())]
+    sources = [open_file(path) for path in paths]
+    if same_size:
+        for path, source in zip(paths, sources, strict=True):
+            if source.image_size_px != sources[0].image_size_px:
+                raise SequenceError(
+                    f"{path} has {_size(source.image_size_px)}, but {paths[0]} of the same "
+                    f"sequence has {_size(sources[0].image_size_px)}: one camera's pictures have "
+                    "one size; take the stranger out"
+                )
+    return JoinedSource(sources, paths)
+
+
+def _size(image_size_px: tuple[int, int]) -> str:
+    return f"{image_size_px[0]}x{image_size_px[1]} px"

@@ -1,0 +1,124 @@
+"""Frame sources that are made of others, and what holds between cameras."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from videogrammetry.errors import SequenceError
+from videogrammetry.types import FrameSource
+
+
+@dataclass(frozen=True)
+class PictureSource:
+    """One picture file as a sequence of one frame, decoded whenever it is read."""
+
+    path: Path
+    image_size_px: tuple[int, int]
+    decode: Callable[[Path], npt.NDArray[Any]]
+
+    @property
+    def frame_rate_hz(self) -> float | None:
+        """None: a single picture has no rate."""
+        return None
+
+    def __len__(self) -> int:
+        return 1
+
+    def name(self, index: int) -> str:
+        """The file's name."""
+        check_index(index, 1, str(self.path))
+        return self.path.name
+
+    def read(self, index: int) -> npt.NDArray[Any]:
+        """The picture: (height, width), uint8 or uint16."""
+        check_index(index, 1, str(self.path))
+        frame = self.decode(self.path)
+        width, height = self.image_size_px
+        if frame.shape != (height, width):
+            raise SequenceError(
+                f"{self.path}: {frame.shape[1]}x{frame.shape[0]} px decoded, but its header says "
+                f"{width}x{height} px: the file is damaged or has changed; copy it again"
+            )
+        return frame
+
+
+class JoinedSource:
+    """Several sources, one after the other, as one sequence.
+
+    Attributes
+    ----------
+    paths : the files, in order, each once.
+    """
+
+    def __init__(self, sources: Sequence[FrameSource], paths: Sequence[Path]) -> None:
+        if not sources or len(sources) != len(paths):
+            raise ValueError(
+                f"sources: expected one or more, one a path; got {len(sources)} "
+                f"and {len(paths)} paths"
+            )
+        self._sources = tuple(sources)
+        self._ends = tuple(accumulate(len(s) for s in sources))
+        self.paths = tuple(paths)
+
+    @property
+    def image_size_px(self) -> tuple[int, int]:
+        """(width, height) of the first frame."""
+        return self._sources[0].image_size_px
+
+    @property
+    def frame_rate_hz(self) -> float | None:
+        """The first source's rate if all of them state it, else None."""
+        rates = {s.frame_rate_hz for s in self._sources}
+        return rates.pop() if len(rates) == 1 else None
+
+    def __len__(self) -> int:
+        return self._ends[-1]
+
+    def _locate(self, index: int) -> tuple[FrameSource, int]:
+        check_index(index, len(self), "the sequence")
+        which = bisect_right(self._ends, index)
+        start = self._ends[which - 1] if which else 0
+        return self._sources[which], index - start
+
+    def name(self, index: int) -> str:
+        """Name of a frame: the file's, with ``#n`` (from 1) where it holds several."""
+        source, at = self._locate(index)
+        return source.name(at)
+
+    def read(self, index: int) -> npt.NDArray[Any]:
+        """The frame: (height, width), uint8 or uint16, C-contiguous."""
+        source, at = self._locate(index)
+        return source.read(at)
+
+
+def check_index(index: int, length: int, what: str) -> None:
+    """IndexError unless 0 <= index < length."""
+    if not 0 <= index < length:
+        raise IndexError(f"frame {index} of {what}: it has frames 0 to {length - 1}")
+
+
+def check_same_length(sources: Mapping[str, FrameSource]) -> int:
+    """Number of frames of every camera; SequenceError names two cameras that differ.
+
+    The n-th frames of all cameras belong to one stage, so that one missing
+    picture would pair all later ones wrongly.
+    """
+    if not sources:
+        raise ValueError("sources: expected at least one camera, got none")
+    first = next(iter(sources))
+    count = len(sources[first])
+    for name, source in sources.items():
+        if len(source) != count:
+            raise SequenceError(
+                f"camera {first!r} has {count} frames, but camera {name!r} has {len(source)}: "
+                "the n-th frames of all cameras belong together, so the numbers must be equal; "
+                "find the missing or surplus picture, or narrow the pattern"
+            )
+    return count

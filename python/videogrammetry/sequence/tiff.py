@@ -1,0 +1,313 @@
+"""TIFF pictures and stacks of pictures: 8 and 16 bit, and packed 9 to 15 bit.
+
+Directories are read by tifffile, uncompressed samples straight from the file
+(any thread, any page, at once), compressed ones by tifffile or, where it lacks
+the codec (LZW, PackBits, JPEG), by Pillow. tifffile overlooks a directory or
+strip that lies beyond the end of a file that was cut; both are checked here.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+from PIL import Image
+
+from videogrammetry.errors import SequenceError
+from videogrammetry.sequence.grey import grey_from_rgb
+from videogrammetry.sequence.raster import grey_of_image
+from videogrammetry.sequence.source import check_index
+from videogrammetry.types import FrameSource
+
+SUFFIXES = (".tif", ".tiff")
+
+_MIN_IS_WHITE, _MIN_IS_BLACK, _RGB = 0, 1, 2
+_UNCOMPRESSED = 1
+#: What the decoders raise on damaged bytes.
+_DAMAGE = (
+    tifffile.TiffFileError,
+    ValueError,
+    RuntimeError,
+    OSError,
+    KeyError,
+    IndexError,
+    TypeError,
+    ZeroDivisionError,
+    struct.error,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True)
+class _Page:
+    """Where the samples of one page are and how to understand them."""
+
+    index: int  # in the chain of directories
+    shape: tuple[int, int]
+    bits: int
+    inverted: bool
+    offset: int | None  # of grey samples that stand uncompressed in one piece
+    big_endian: bool
+
+
+@dataclass(frozen=True)
+class TiffSource:
+    """The pages of one TIFF file, reduced copies (thumbnails) left out."""
+
+    path: Path
+    pages: tuple[_Page, ...]
+
+    @property
+    def image_size_px(self) -> tuple[int, int]:
+        """(width, height)."""
+        height, width = self.pages[0].shape
+        return width, height
+
+    @property
+    def frame_rate_hz(self) -> float | None:
+        """None: TIFF has no field for it."""
+        return None
+
+    def __len__(self) -> int:
+        return len(self.pages)
+
+    def name(self, index: int) -> str:
+        """The file's name, with ``#n`` from 1 where it holds several pages."""
+        check_index(index, len(self.pages), str(self.path))
+        return self.path.name if len(self.pages) == 1 else f"{self.path.name}#{index + 1}"
+
+    def read(self, index: int) -> npt.NDArray[Any]:
+        """The frame: (height, width), uint8 or uint16."""
+        check_index(index, len(self.pages), str(self.path))
+        page = self.pages[index]
+        if page.offset is not None:
+            frame = _read_plain(self.path, page)
+        else:
+            frame = _decode(self.path, page)
+        if frame.shape != page.shape:
+            raise _damaged(self.path, f"page {page.index + 1} decodes to {frame.shape}")
+        if page.inverted:
+            frame = np.invert(frame) if page.bits in (8, 16) else (1 << page.bits) - 1 - frame
+        return np.ascontiguousarray(frame)
+
+
+def open_file(path: Path) -> FrameSource:
+    """A TIFF file as a sequence of its pages.
+
+    Raises
+    ------
+    SequenceError
+        Not a TIFF, cut short, or samples of a kind that cannot be measured in.
+    """
+    size = path.stat().st_size
+    offsets = _directory_offsets(path, size)
+    try:
+        with tifffile.TiffFile(path, is_ome=False) as tif:
+            found = list(tif.pages)
+            if [p.offset for p in found] != offsets:
+                raise _damaged(path, f"{len(found)} of {len(offsets)} pages can be read")
+            _check_hidden_stack(path, tif)
+            pages = tuple(
+                _page_of(path, size, i, page, tif.byteorder == ">")
+                for i, page in enumerate(found)
+                if isinstance(page, tifffile.TiffPage) and not (page.is_reduced and i > 0)
+            )
+    except _DAMAGE as error:
+        raise _damaged(path, str(error)) from error
+    for page in pages:
+        if page.shape != pages[0].shape:
+            raise SequenceError(
+                f"{path}: page {page.index + 1} has {page.shape[1]}x{page.shape[0]} px, the first "
+                f"has {pages[0].shape[1]}x{pages[0].shape[0]} px: a sequence has one size; "
+                "split the file"
+            )
+    return TiffSource(path, pages)
+
+
+def _damaged(path: Path, what: str) -> SequenceError:
+    return SequenceError(
+        f"{path}: TIFF picture is damaged or cut short ({what.strip().rstrip('.')}); "
+        "copy the file again"
+    )
+
+
+def _directory_offsets(path: Path, size: int) -> list[int]:
+    """Offsets of all directories, each wholly within the file (TIFF 6.0, p. 13-15)."""
+    with path.open("rb") as file:
+        header = file.read(16)
+        order = {b"II": "<", b"MM": ">"}.get(header[:2])
+        version = struct.unpack_from(order + "H", header, 2)[0] if order and len(header) >= 4 else 0
+        if order is None or version not in (42, 43):
+            raise SequenceError(
+                f"{path}: not a TIFF picture (its first bytes are not a TIFF's); take the file "
+                "out, or give it the suffix of what it is"
+            )
+        count_format, entry, next_format, at = (
+            ("H", 12, "I", 4) if version == 42 else ("Q", 20, "Q", 8)
+        )
+        offsets: list[int] = []
+        try:
+            offset = struct.unpack_from(order + next_format, header, at)[0]
+            while offset:
+                if offset in offsets or len(offsets) > 10_000_000:
+                    raise _damaged(path, "its directories go round in a circle")
+                offsets.append(offset)
+                file.seek(offset)
+                raw = file.read(struct.calcsize(count_format))
+                entries = struct.unpack(order + count_format, raw)[0]
+                file.seek(entries * entry, 1)
+                raw = file.read(struct.calcsize(next_format))
+                offset = struct.unpack(order + next_format, raw)[0]
+        except (struct.error, OSError, OverflowError) as error:
+            raise _damaged(
+                path, f"directory {max(1, len(offsets))} lies beyond the end at byte {size}"
+            ) from error
+    if not offsets:
+        raise _damaged(path, "it has no page")
+    return offsets
+
+
+def _check_hidden_stack(path: Path, tif: tifffile.TiffFile) -> None:
+    """ImageJ writes stacks over 4 GB with one directory: the others would be overlooked."""
+    if tif.is_imagej and tif.imagej_metadata is not None:
+        images = int(tif.imagej_metadata.get("images", 1))
+        if images > len(tif.pages):
+            raise SequenceError(
+                f"{path}: ImageJ stack of {images} pictures with {len(tif.pages)} directories; "
+                "save it as BigTIFF or as single pictures"
+            )
+
+
+def _page_of(path: Path, size: int, index: int, page: tifffile.TiffPage, big_endian: bool) -> _Page:
+    where = f"{path}: page {index + 1}"
+    kind, bits = page.dtype.kind if page.dtype is not None else "?", page.bitspersample
+    grey = page.photometric in (_MIN_IS_WHITE, _MIN_IS_BLACK) and page.samplesperpixel <= 2
+    if not (kind == "u" and (bits in (8, 16) or (grey and 8 < bits < 16))):
+        raise SequenceError(
+            f"{where} has {bits}-bit samples of type {page.dtype}; save it as 8- or 16-bit grey"
+        )
+    _check_segments(where, size, page)
+    plain = (
+        page.compression == _UNCOMPRESSED
+        and grey
+        and page.samplesperpixel == 1
+        and page.fillorder == 1
+        and not page.is_tiled
+        and _in_one_piece(page)
+    )
+    if bits not in (8, 16) and not plain:
+        raise SequenceError(
+            f"{where} has compressed {bits}-bit samples; save it uncompressed or with 16 bit"
+        )
+    return _Page(
+        index=index,
+        shape=(page.imagelength, page.imagewidth),
+        bits=bits,
+        inverted=page.photometric == _MIN_IS_WHITE,
+        offset=page.dataoffsets[0] if plain else None,
+        big_endian=big_endian,
+    )
+
+
+def _check_segments(where: str, size: int, page: tifffile.TiffPage) -> None:
+    """All strips or tiles are within the file and none is missing."""
+    offsets, counts = page.dataoffsets, page.databytecounts
+    if not offsets or len(offsets) != len(counts):
+        raise SequenceError(f"{where} of the TIFF has no samples; copy the file again")
+    for number, (offset, count) in enumerate(zip(offsets, counts, strict=True), start=1):
+        if count == 0 or offset == 0 or offset + count > size:
+            raise SequenceError(
+                f"{where} of the TIFF is cut short: part {number} of {len(offsets)} should end at "
+                f"byte {offset + count}, the file has {size}; copy the file again"
+            )
+    if page.compression == _UNCOMPRESSED:
+        expected = _row_bytes(page) * page.imagelength
+        if sum(counts) < expected:
+            raise SequenceError(
+                f"{where} of the TIFF has {sum(counts)} of {expected} bytes of samples; "
+                "copy the file again"
+            )
+
+
+def _row_bytes(page: tifffile.TiffPage) -> int:
+    return (page.imagewidth * page.samplesperpixel * page.bitspersample + 7) // 8
+
+
+def _in_one_piece(page: tifffile.TiffPage) -> bool:
+    ends = [o + c for o, c in zip(page.dataoffsets, page.databytecounts, strict=True)]
+    return all(end == start for end, start in zip(ends, page.dataoffsets[1:], strict=False))
+
+
+def _read_plain(path: Path, page: _Page) -> npt.NDArray[Any]:
+    height, width = page.shape
+    row_bytes = (width * page.bits + 7) // 8
+    with path.open("rb") as file:
+        file.seek(page.offset or 0)
+        data = file.read(row_bytes * height)
+    if len(data) < row_bytes * height:
+        raise _damaged(path, f"page {page.index + 1} ends after {len(data)} bytes")
+    if page.bits == 8:
+        return np.frombuffer(data, np.uint8).reshape(height, width)
+    if page.bits == 16:
+        order = ">u2" if page.big_endian else "<u2"
+        return np.frombuffer(data, order).reshape(height, width).astype(np.uint16)
+    # Packed samples: the most significant bit first, every row from a new byte.
+    rows = np.frombuffer(data, np.uint8).reshape(height, row_bytes)
+    bits = np.unpackbits(rows, axis=1, count=width * page.bits).reshape(height, width, page.bits)
+    weights = (1 << np.arange(page.bits - 1, -1, -1)).astype(np.uint16)
+    return np.asarray(bits @ weights, dtype=np.uint16)
+
+
+def _decode(path: Path, page: _Page) -> npt.NDArray[Any]:
+    """Samples that are compressed, tiled, in colour or with transparency."""
+    try:
+        with tifffile.TiffFile(path, is_ome=False) as tif:
+            tif_page = tif.pages[page.index].aspage()
+            try:
+                samples = tif_page.asarray(maxworkers=1)
+            except (KeyError, ValueError) as error:
+                if "imagecodecs" not in str(error):
+                    raise
+                return _decode_by_pillow(path, page)
+            return _grey_of_samples(path, samples, tif_page)
+    except SequenceError:
+        raise
+    except _DAMAGE as error:
+        raise _damaged(path, f"page {page.index + 1}: {error}") from error
+
+
+def _decode_by_pillow(path: Path, page: _Page) -> npt.NDArray[Any]:
+    with Image.open(path, formats=["TIFF"]) as image:
+        image.seek(page.index)
+        image.load()
+        frame = grey_of_image(image, path)
+    if page.bits > 8 and frame.dtype == np.uint8:
+        raise SequenceError(
+            f"{path}: page {page.index + 1} has compressed {page.bits}-bit colours that would lose "
+            "half of their bits here; save it uncompressed or as 16-bit grey"
+        )
+    # Pillow has already turned pictures whose smallest value is white, 8 bit only.
+    return np.invert(frame) if page.inverted and frame.dtype == np.uint8 else frame
+
+
+def _grey_of_samples(
+    path: Path, samples: npt.NDArray[Any], page: tifffile.TiffPage
+) -> npt.NDArray[Any]:
+    if samples.ndim == 3 and page.planarconfig == 2:
+        samples = np.moveaxis(samples, 0, -1)
+    if samples.ndim == 2 and page.photometric in (_MIN_IS_WHITE, _MIN_IS_BLACK):
+        return samples.astype(samples.dtype.newbyteorder("="), copy=False)
+    if samples.ndim == 3 and page.photometric in (_MIN_IS_WHITE, _MIN_IS_BLACK):
+        return samples[:, :, 0]
+    if samples.ndim == 3 and page.photometric == _RGB and samples.shape[2] >= 3:
+        return grey_from_rgb(samples)
+    raise SequenceError(
+        f"{path}: page {page.index + 1} is neither grey nor RGB (photometric {page.photometric}); "
+        "save it in grey"
+    )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from videogrammetry.errors import MeasurementError
 from videogrammetry.project import (
     CENTROID,
     MotionTable,
@@ -14,7 +15,7 @@ from videogrammetry.project import (
     format_motion,
     format_trajectories,
 )
-from videogrammetry.project.tables import TARGET_COLUMNS
+from videogrammetry.project.tables import POINT_COLUMNS, POINT_SIGMAS, TARGET_COLUMNS
 from videogrammetry.types import FloatArray, Measurement
 
 _DIAGONAL = [0, 3, 5]  # xx, yy, zz of COV6_ORDER
@@ -48,16 +49,18 @@ def motion_csv(measurement: Measurement) -> str:
     s, p = np.nonzero(np.isfinite(motion.displacement_mm[..., 0]))
     c = np.flatnonzero(np.isfinite(motion.centroid_displacement_mm[:, 0]))
     points = tuple(str(i) for i in table.point_id[p]) + (CENTROID,) * len(c)
-    stage = np.concatenate([s, c])
+    order = np.argsort(np.concatenate([s, c]), kind="stable")
+    stage = np.concatenate([s, c])[order]
 
     def both(of_points: FloatArray, of_centroid: FloatArray) -> FloatArray:
-        return np.concatenate([of_points[s, p], of_centroid[c]])
+        joined: FloatArray = np.concatenate([of_points[s, p], of_centroid[c]])[order]
+        return joined
 
     return format_motion(
         MotionTable(
             stage=table.stage[stage],
             time_s=table.time_s[stage],
-            point=points,
+            point=tuple(points[i] for i in order),
             displacement_mm=both(motion.displacement_mm, motion.centroid_displacement_mm),
             velocity_mm_s=both(motion.velocity_mm_s, motion.centroid_velocity_mm_s),
             sigma_displacement_mm=_sigmas(
@@ -68,6 +71,32 @@ def motion_csv(measurement: Measurement) -> str:
             ),
         )
     )
+
+
+def points_csv(measurement: Measurement, stage: int | None = None) -> str:
+    """The text of a points CSV: the points of one stage, by default the reference stage.
+
+    Raises
+    ------
+    MeasurementError
+        If the stage was not measured or has no point.
+    """
+    table = measurement.trajectories
+    number = measurement.motion.reference_stage if stage is None else stage
+    rows = np.flatnonzero(table.stage == number)
+    if not len(rows):
+        raise MeasurementError(
+            f"stage {number} was not measured; measured are {table.stage[0]} to {table.stage[-1]}"
+        )
+    there = np.flatnonzero(np.isfinite(table.position_mm[rows[0], :, 0]))
+    if not len(there):
+        raise MeasurementError(f"stage {number} has no point; choose another with --stage")
+    columns = [
+        table.point_id[there],
+        *table.position_mm[rows[0], there].T,
+        *_sigmas(table.cov_mm2[rows[0], there]).T,
+    ]
+    return format_csv((*POINT_COLUMNS, *POINT_SIGMAS), columns)
 
 
 def targets_csv(measurement: Measurement) -> str:
@@ -94,18 +123,23 @@ def targets_csv(measurement: Measurement) -> str:
 TABLES: Mapping[str, Callable[[Measurement], str]] = {
     "trajectories": trajectories_csv,
     "motion": motion_csv,
+    "points": points_csv,
     "targets": targets_csv,
 }
 
 
-def format_table(measurement: Measurement, what: str) -> str:
-    """The text of one of the ``TABLES``.
+def format_table(measurement: Measurement, what: str, stage: int | None = None) -> str:
+    """The text of one of the ``TABLES``; ``stage`` goes with "points" alone.
 
     Raises
     ------
     ValueError
-        If ``what`` is none of them.
+        If ``what`` is none of them, or a stage is given for another.
     """
     if what not in TABLES:
         raise ValueError(f"what: expected one of {', '.join(TABLES)}, got {what!r}")
+    if what == "points":
+        return points_csv(measurement, stage)
+    if stage is not None:
+        raise ValueError(f"stage: goes with 'points' alone, not with {what!r}")
     return TABLES[what](measurement)

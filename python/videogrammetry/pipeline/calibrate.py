@@ -73,9 +73,9 @@ def calibrate_project(
     options = CalibrationOptions(
         method=method, sigma_mm=project.calibration.sigma_mm, num_threads=num_threads
     )
-    progress("adjusting", 0, 1)
+    progress(0, 1, "adjusting")
     run = calibrate(cameras, target, options)
-    progress("adjusting", 1, 1)
+    progress(1, 1, "adjusting")
     origin = provenance(options, [*inputs, project.calibration.target], project.folder)
     how = {**run.rig.how, "provenance": origin}
     return dataclasses.replace(run, rig=dataclasses.replace(run.rig, how=how))
@@ -126,7 +126,7 @@ def _from_pictures(
         zip(jobs, map_bounded(work, jobs, num_threads), strict=True), start=1
     ):
         frames[job[0]].append(frame)
-        progress("recognising", done, len(jobs))
+        progress(done, len(jobs), "recognising")
     cameras = [
         _frames(project, name, source.image_size_px, frames[name])
         for name, source in sources.items()

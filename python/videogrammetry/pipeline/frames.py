@@ -22,12 +22,12 @@ R = TypeVar("R")
 class Progress(Protocol):
     """Called as the work goes on: ``what`` is being done, ``done`` of ``total`` are finished."""
 
-    def __call__(self, what: str, done: int, total: int) -> None:
+    def __call__(self, done: int, total: int, what: str = "") -> None:
         """Show it."""
         ...
 
 
-def silent(what: str, done: int, total: int) -> None:
+def silent(done: int, total: int, what: str = "") -> None:
     """The progress that nobody watches."""
 
 

@@ -102,7 +102,7 @@ def measure_project(
     results: list[StageResult] = []
     for result in map_bounded(work, range(first - 1, last), num_threads):
         results.append(result)
-        progress("measuring", len(results), last - first + 1)
+        progress(len(results), last - first + 1, "measuring")
 
     stage = np.arange(first, last + 1, dtype=np.int32)
     time_s = (stage - 1) / rate if rate else np.full(len(stage), np.nan)

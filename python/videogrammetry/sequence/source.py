@@ -81,21 +81,25 @@ class JoinedSource:
     def __len__(self) -> int:
         return self._ends[-1]
 
-    def _locate(self, index: int) -> tuple[FrameSource, int]:
+    def _locate(self, index: int) -> tuple[int, int]:
+        """Which source, and which frame of it."""
         check_index(index, len(self), "the sequence")
         which = bisect_right(self._ends, index)
-        start = self._ends[which - 1] if which else 0
-        return self._sources[which], index - start
+        return which, index - (self._ends[which - 1] if which else 0)
+
+    def file(self, index: int) -> Path:
+        """The file that holds a frame."""
+        return self.paths[self._locate(index)[0]]
 
     def name(self, index: int) -> str:
         """Name of a frame: the file's, with ``#n`` (from 1) where it holds several."""
-        source, at = self._locate(index)
-        return source.name(at)
+        which, at = self._locate(index)
+        return self._sources[which].name(at)
 
     def read(self, index: int) -> npt.NDArray[Any]:
         """The frame: (height, width), uint8 or uint16, C-contiguous."""
-        source, at = self._locate(index)
-        return source.read(at)
+        which, at = self._locate(index)
+        return self._sources[which].read(at)
 
 
 def check_index(index: int, length: int, what: str) -> None:

@@ -1,0 +1,1 @@
+"""The command ``videogrammetry``: one file a verb."""

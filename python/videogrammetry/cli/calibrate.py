@@ -1,0 +1,120 @@
+"""``videogrammetry calibrate``: project -> rig.json, rig.npz and a report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from videogrammetry.calibration.run import CalibrationRun
+from videogrammetry.cli.common import SubParsers, add_force, add_verb, text_table
+from videogrammetry.cli.progress import Progress
+from videogrammetry.project import read_project, refuse_overwrite, write_rig, write_text
+
+METHODS = ("joint", "mean")
+
+
+def add_parser(verbs: SubParsers) -> None:
+    """The verb's arguments."""
+    parser = add_verb(
+        verbs,
+        "calibrate",
+        run,
+        help="calibrate the cameras from pictures of a known target",
+        description="Writes rig.json with rig.npz and a report beside it; prints a summary.",
+        example="videogrammetry calibrate project.toml",
+    )
+    parser.add_argument("project", type=Path, metavar="PROJECT", help="project.toml or its folder")
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default="joint",
+        help="joint: one pose a target position for all cameras; mean: each camera by itself, "
+        "relative poses averaged (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="rig file (default: rig.json beside the project)"
+    )
+    add_force(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrates and writes rig, covariance and report."""
+    project = read_project(args.project)
+    rig_path: Path = args.out or project.rig_path
+    if rig_path.suffix != ".json":
+        raise ValueError(f"--out: expected a name ending in .json, got {rig_path}")
+    report_path = report_path_of(rig_path)
+    for path in (rig_path, rig_path.with_suffix(".npz"), report_path):
+        refuse_overwrite(path, args.force)
+
+    from videogrammetry.pipeline import calibrate_project
+    from videogrammetry.report import calibration_report
+
+    progress = Progress("calibrate")
+    try:
+        result: CalibrationRun = calibrate_project(project, method=args.method, progress=progress)
+    finally:
+        progress.close()
+    page = calibration_report(result, title=project.name)
+    write_rig(rig_path, result.rig)
+    write_text(report_path, page)
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    print(summary(result), end="")
+    print(f"wrote {rig_path} and {report_path}", file=sys.stderr)
+    return 0
+
+
+def report_path_of(rig_path: Path) -> Path:
+    """Where the report lies: beside the rig.
+
+    Examples
+    --------
+    >>> report_path_of(Path("rig.json")).name
+    'rig-report.html'
+    """
+    return rig_path.with_name(f"{rig_path.stem}-report.html")
+
+
+def summary(result: CalibrationRun) -> str:
+    """Table of the cameras and a line of totals."""
+    rows = []
+    first = result.rig.cameras[result.camera_names[0]]
+    used = result.observations.used
+    for index, name in enumerate(result.camera_names):
+        camera = result.rig.cameras[name]
+        mine = used & (result.observations.camera == index)
+        pictures = len(np.unique(result.observations.stage[mine]))
+        baseline = np.linalg.norm(
+            _centre(camera.rotation, camera.translation_mm)
+            - _centre(first.rotation, first.translation_mm)
+        )
+        sigma = camera.sigma.get("f")
+        rows.append(
+            [
+                name,
+                str(pictures),
+                str(int(mine.sum())),
+                f"{result.camera_rms_px[name]:.4f}",
+                f"{camera.interior[0]:.2f}",
+                "" if sigma is None else f"{sigma:.2f}",
+                f"{baseline:.2f}",
+            ]
+        )
+    header = ["camera", "pictures", "points", "RMS px", "f px", "sigma f", "baseline mm"]
+    total = (
+        f"{result.method}: sigma0 {result.sigma0:.3f}, RMS {result.rms_px:.4f} px, "
+        f"{result.num_observations} observations, {result.num_unknowns} unknowns, "
+        f"redundancy {result.redundancy}, {int((~used).sum())} points rejected, "
+        f"{result.seconds:.1f} s\n"
+    )
+    return text_table(header, rows) + total
+
+
+def _centre(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
+    """Projection centre in the rig's frame: -R' t."""
+    centre: np.ndarray = -np.asarray(rotation).T @ np.asarray(translation_mm)
+    return centre

@@ -1,0 +1,66 @@
+"""What several verbs share: a verb's parser, and writing without overwriting."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from videogrammetry.project import refuse_overwrite, write_text
+
+SubParsers = Any  # argparse names the type of add_subparsers() only privately
+
+
+def add_verb(
+    verbs: SubParsers,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    *,
+    help: str,
+    description: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    """A verb's parser, with the example at the end of its help."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=help,
+        description=description,
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """The option without which nothing is overwritten."""
+    parser.add_argument("--force", action="store_true", help="overwrite what is there already")
+
+
+def write_result(out: Path | None, text: str, force: bool) -> None:
+    """Writes text to a file, whole or not at all, or to standard output."""
+    if out is None:
+        sys.stdout.write(text)
+        return
+    refuse_overwrite(out, force)
+    write_text(out, text)
+
+
+def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table for the terminal: first column to the left, numbers to the right.
+
+    Examples
+    --------
+    >>> print(text_table(["camera", "RMS px"], [["left", "0.036"]]), end="")
+    camera  RMS px
+    left     0.036
+    """
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+    lines = []
+    for row in (header, *rows):
+        cells = [row[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines) + "\n"

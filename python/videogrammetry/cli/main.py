@@ -1,0 +1,72 @@
+"""Entry of the command: finds the verb, runs it, turns errors into one paragraph.
+
+Exit status: 0 done; 1 the work failed, standard error says why, where and what
+to do; 2 wrong usage (argparse); 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Sequence
+
+from videogrammetry import __version__
+from videogrammetry.cli import calibrate, doctor, export, info, measure, recognize
+from videogrammetry.errors import VideogrammetryError
+
+VERBS = (recognize, calibrate, measure, export, info, doctor)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="videogrammetry",
+        description="3-D motion from the pictures of synchronised cameras.",
+        epilog="videogrammetry VERB --help explains a verb and has an example.",
+    )
+    parser.add_argument("--version", action="version", version=f"videogrammetry {__version__}")
+    parser.add_argument(
+        "--traceback", action="store_true", help="let errors show where in the program they arose"
+    )
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb in VERBS:
+        verb.add_parser(verbs)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command line ``argv`` (None: the process's own); returns the exit status."""
+    args = build_parser().parse_args(argv)
+    # tifffile reports damage to the log as well as by what it returns; ours is the message.
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
+    try:
+        status = int(args.run(args))
+        sys.stdout.flush()
+        return status
+    except KeyboardInterrupt:
+        print("videogrammetry: interrupted; nothing was left half-written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has left (| head); Python must not complain at its exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (VideogrammetryError, OSError, ValueError) as error:
+        if args.traceback:
+            raise
+        print(f"videogrammetry {args.verb}: {paragraph(error)}", file=sys.stderr)
+        return 1
+
+
+def paragraph(error: Exception) -> str:
+    """The error's message on one line.
+
+    Examples
+    --------
+    >>> paragraph(FileNotFoundError(2, "No such file or directory", "a.csv"))
+    'a.csv: No such file or directory'
+    """
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{os.fspath(error.filename)}: {error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,195 @@
+"""``videogrammetry recognize``: pictures -> targets CSV, and pictures with the targets drawn in."""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from videogrammetry.cli.common import SubParsers, add_force, add_verb, write_result
+from videogrammetry.cli.progress import Progress
+from videogrammetry.project import format_targets, refuse_overwrite, target_table
+from videogrammetry.recognition.options import RecognitionOptions
+from videogrammetry.sequence import JoinedSource, open_sequence
+from videogrammetry.types import Targets
+
+DIRECTIONS = ("clockwise", "counter-clockwise")
+POLARITIES = ("white-on-black", "black-on-white")
+
+
+def add_parser(verbs: SubParsers) -> None:
+    """The verb's arguments."""
+    default = RecognitionOptions()
+    parser = add_verb(
+        verbs,
+        "recognize",
+        run,
+        help="find coded and un-coded targets in pictures",
+        description="Finds circular targets and their codes; writes a CSV with one row a target.",
+        example="videogrammetry recognize 'left_*.tif' --out targets.csv --overlay overlays",
+    )
+    parser.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="INPUT",
+        help="pictures, stacks, folders or quoted patterns (*, ?, [..], {a,b})",
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="targets CSV (default: stdout)")
+    parser.add_argument(
+        "--overlay", type=Path, metavar="DIR", help="write the pictures with the targets drawn in"
+    )
+    parser.add_argument(
+        "--codes",
+        default=default.codes,
+        metavar="FAMILY",
+        help="schneider-8 ... -20, metashape-12, -14, a table file, or none (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--direction",
+        choices=DIRECTIONS,
+        default=default.direction,
+        help="how codes are read in the picture (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--polarity",
+        choices=POLARITIES,
+        default=default.polarity,
+        help="of the dot on its ground (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--diameter-px",
+        nargs=2,
+        type=float,
+        default=default.diameter_px,
+        metavar=("MIN", "MAX"),
+        help="smallest minor, largest major axis of a dot (default: 5 200)",
+    )
+    parser.add_argument(
+        "--method", default=default.method, help="way of recognition (default: %(default)s)"
+    )
+    add_force(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Recognises all pictures, then writes; a bad one stops it before anything is written."""
+    options = RecognitionOptions(
+        codes=args.codes,
+        direction=args.direction,
+        polarity=args.polarity,
+        diameter_px=_diameter(args.diameter_px),
+        method=args.method,
+    )
+    source = open_sequence(args.inputs, same_size=False)
+    names = frame_names(source)
+    overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
+    for path in [*overlays, *([args.out] if args.out else [])]:
+        refuse_overwrite(path, args.force)
+    if overlays:
+        args.overlay.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=args.overlay.parent, prefix=".overlay-") as scratch:
+            found = _recognize_all(source, names, options, Path(scratch))
+            args.overlay.mkdir(exist_ok=True)
+            for path in overlays:
+                os.replace(Path(scratch) / path.name, path)
+    else:
+        found = _recognize_all(source, names, options, None)
+    table = target_table((name, "", None, t) for name, t in zip(names, found, strict=True))
+    write_result(args.out, format_targets(table), args.force)
+    coded = int((table.id >= 0).sum())
+    print(
+        f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets",
+        file=sys.stderr,
+    )
+    return 0
+
+
+def _diameter(values: tuple[float, float]) -> tuple[float, float]:
+    smallest, largest = values
+    if not 0 < smallest < largest:
+        raise ValueError(
+            f"--diameter-px: expected 0 < MIN < MAX, got {smallest:g} {largest:g}; "
+            "give the smallest and the largest diameter in pixels"
+        )
+    return smallest, largest
+
+
+def frame_names(source: JoinedSource) -> list[str]:
+    """Names of all frames, with their folder where two files bear the same name."""
+    names = [source.name(i) for i in range(len(source))]
+    if len(set(names)) == len(names):
+        return names
+    files = [source.file(i) for i in range(len(source))]
+    with_folder = [f"{f.parent.name}/{n}" for f, n in zip(files, names, strict=True)]
+    if len(set(with_folder)) == len(names):
+        return with_folder
+    full = [f"{f.parent.as_posix()}/{n}" for f, n in zip(files, names, strict=True)]
+    if len(set(full)) < len(full):
+        twice = collections.Counter(full).most_common(1)[0][0]
+        raise ValueError(f"{twice} is given twice: name every picture once")
+    return full
+
+
+def overlay_name(name: str) -> str:
+    """File name of the overlay of a frame.
+
+    Examples
+    --------
+    >>> overlay_name("left/img.tif"), overlay_name("stack.tif#3")
+    ('left_img.tif.png', 'stack.tif_3.png')
+    """
+    safe = "".join("_" if c in '/\\:*?"<>|#' else c for c in name)
+    return f"{safe}.png"
+
+
+def _recognize_all(
+    source: JoinedSource, names: list[str], options: RecognitionOptions, overlay: Path | None
+) -> list[Targets]:
+    from videogrammetry.recognition import recognize
+
+    def one(index: int) -> Targets:
+        frame = source.read(index)
+        targets: Targets = recognize(frame, options)
+        if overlay is not None:
+            _draw(frame, targets, overlay / overlay_name(names[index]))
+        return targets
+
+    progress = Progress("recognize", "pictures")
+    found: list[Targets] = []
+    try:
+        for targets in in_order(one, len(source)):
+            found.append(targets)
+            progress(len(found), len(source))
+    finally:
+        progress.close()
+    return found
+
+
+def in_order(work: Callable[[int], Targets], count: int) -> Iterator[Targets]:
+    """``work(0)``, ``work(1)``, ... by several threads, only a few ahead of the one taken."""
+    workers = min(os.cpu_count() or 1, count)
+    with ThreadPoolExecutor(workers) as pool:
+        waiting: collections.deque[Future[Targets]] = collections.deque()
+        try:
+            for index in range(count):
+                waiting.append(pool.submit(work, index))
+                if len(waiting) > 2 * workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _draw(frame: npt.NDArray[Any], targets: Targets, path: Path) -> None:
+    from videogrammetry.report import write_overlay
+
+    write_overlay(path, frame, targets)

@@ -1,0 +1,6 @@
+"""Reports: pages and pictures that show a result; no numerics beyond formatting."""
+
+from videogrammetry.report.calibration_report import calibration_report
+from videogrammetry.report.overlay import draw_overlay, write_overlay
+
+__all__ = ["calibration_report", "draw_overlay", "write_overlay"]

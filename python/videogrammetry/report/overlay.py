@@ -1,0 +1,1 @@
+"""A picture with the targets found in it."""

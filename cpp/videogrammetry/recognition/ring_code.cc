@@ -9,19 +9,25 @@
 namespace videogrammetry {
 namespace {
 
-/// Largest distance of a change from its border, in sectors, on the ring's mean
-/// and near its inner and outer border (where fewer pixels are averaged).
+/// Largest distance of a change from its border, in sectors: on the ring's mean,
+/// and near its inner and outer border, where fewer pixels are averaged.
 constexpr double kMaxShift = 0.22;
 constexpr double kMaxShiftSingle = 0.35;
-/// The sectors' heights between dark (0) and bright (1).
-constexpr float kDarkBelow = 0.3f, kBrightAbove = 0.7f;
+/// Least difference between the darkest bright and the brightest dark sector,
+/// in units of the dot's contrast; a flash may halve the light along a ring.
+constexpr float kMinStep = 0.3f;
+/// The brightest dark sector as a part of the darkest bright one.
+constexpr float kMaxDark = 0.4f;
+/// A first, rough level between bright and dark, from the ring's darkest (0)
+/// to its brightest value (1).
+constexpr float kRoughLevel = 0.3f;
 
-/// Places, in sectors, where the values cross `level`.
+/// Places, in sectors, where the values cross `level`; NaN are passed over.
 std::vector<double> Crossings(const std::vector<float>& values, float level, int per_sector) {
   std::vector<double> places;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const float a = values[i], b = values[(i + 1) % values.size()];
-    if ((a >= level) == (b >= level)) continue;
+    if (std::isnan(a) || std::isnan(b) || (a >= level) == (b >= level)) continue;
     places.push_back((static_cast<double>(i) + (level - a) / (b - a)) / per_sector);
   }
   return places;
@@ -35,16 +41,7 @@ double Phase(const std::vector<double>& places) {
   return phase < 0 ? phase + 1 : phase;
 }
 
-double LargestShift(const std::vector<double>& places, double phase) {
-  double largest = 0;
-  for (const double p : places) {
-    const double d = p - phase;
-    largest = std::max(largest, std::abs(d - std::round(d)));
-  }
-  return largest;
-}
-
-/// Mean of the middle part of sector k.
+/// Mean of the middle half of sector k; NaN if a sample is.
 float SectorMean(const std::vector<float>& values, double phase, int k, int per_sector) {
   const int n = static_cast<int>(values.size());
   const int begin = static_cast<int>(std::lround((phase + k + 0.25) * per_sector));
@@ -59,61 +56,128 @@ double FractionAbove(const std::vector<float>& values, float level) {
   return static_cast<double>(above) / static_cast<double>(values.size());
 }
 
-/// The ring's sectors as bits, or why not.
+/// The ring's sectors: their heights, and bright or dark.
 struct Sectors {
   RingStatus status = RingStatus::kUnclear;
+  std::vector<float> height;
+  std::vector<char> bright;
   std::uint32_t bits = 0;
+  double phase = 0.0;
   double quality = 0.0;
+
+  int changes() const {
+    int count = 0;
+    for (std::size_t k = 0; k < bright.size(); ++k) {
+      count += bright[k] != bright[(k + 1) % bright.size()];
+    }
+    return count;
+  }
 };
 
-/// Bright sectors end at the ring's borders, dark ones are as dark as the gap.
-bool SectorIsClean(const RingSamples& s, double phase, int k, bool bright, float half_way) {
-  const auto mean = [&](const std::vector<float>& v) {
-    return SectorMean(v, phase, k, s.per_sector);
-  };
-  if (bright) {
-    return mean(s.inner) > half_way && mean(s.outer) > half_way && mean(s.gap) < half_way &&
-           (s.outside.empty() || mean(s.outside) < half_way);
+/// Divides the sectors into dark and bright ones at the largest step of their sorted heights.
+bool Divide(Sectors* s, float* step) {
+  std::vector<float> sorted = s->height;
+  std::sort(sorted.begin(), sorted.end());
+  std::size_t cut = 1;
+  for (std::size_t i = 1; i < sorted.size(); ++i) {
+    if (sorted[i] - sorted[i - 1] > sorted[cut] - sorted[cut - 1]) cut = i;
   }
-  return mean(s.inner) < half_way && mean(s.outer) < half_way && mean(s.middle) > -0.3f;
+  *step = sorted[cut] - sorted[cut - 1];
+  // Not one grey is the sum of two: a third group may not hide in either.
+  if (!(*step > kMinStep) || sorted[cut - 1] > kMaxDark * sorted[cut] || sorted[0] < -0.4f) {
+    return false;
+  }
+  s->bright.clear();
+  s->bits = 0;
+  for (const float h : s->height) {
+    s->bright.push_back(h >= sorted[cut]);
+    s->bits = (s->bits << 1) | (h >= sorted[cut] ? 1u : 0u);
+  }
+  return true;
 }
 
-Sectors ReadSectors(const RingSamples& s, int num_bits) {
-  Sectors result;
-  std::vector<float> ring(s.middle.size());
+/// Bright sectors end at the ring's borders, dark ones are dark up to them.
+bool IsClean(const RingSamples& samples, const Sectors& s) {
+  for (std::size_t k = 0; k < s.height.size(); ++k) {
+    const auto mean = [&](const std::vector<float>& v) {
+      return SectorMean(v, s.phase, static_cast<int>(k), samples.per_sector);
+    };
+    const float half_way = 0.5f * s.height[k];
+    if (s.bright[k]) {
+      // Written so that NaN, outside the picture, fails no test.
+      if (mean(samples.inner) < half_way || mean(samples.outer) < half_way ||
+          mean(samples.gap) > half_way || mean(samples.outside) > half_way) {
+        return false;
+      }
+    } else if (mean(samples.inner) > kMinStep || mean(samples.outer) > kMinStep) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/// Largest distance of the changes between unlike sectors from their borders,
+/// each at the level half-way between its two sectors.
+double LargestShift(const std::vector<float>& values, const Sectors& s, int per_sector) {
+  double largest = 0;
+  const std::size_t n = s.height.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t next = (k + 1) % n;
+    if (s.bright[k] == s.bright[next]) continue;
+    const double border = s.phase + static_cast<double>(k) + 1.0;
+    double nearest = 0.5;
+    bool hidden = false;
+    for (int i = -per_sector / 2; i < per_sector / 2; ++i) {
+      const int at = static_cast<int>(std::lround(border * per_sector)) + i;
+      const auto size = static_cast<int>(values.size());
+      const float a = values[static_cast<std::size_t>((at + size) % size)];
+      const float b = values[static_cast<std::size_t>((at + 1 + size) % size)];
+      hidden |= std::isnan(a) || std::isnan(b);
+      const float level = 0.5f * (s.height[k] + s.height[next]);
+      if ((a >= level) == (b >= level)) continue;
+      const double place = (at + (level - a) / (b - a)) / per_sector;
+      nearest = std::min(nearest, std::abs(place - border));
+    }
+    if (!hidden) largest = std::max(largest, nearest);
+  }
+  return largest;
+}
+
+/// Mean of the circles on the ring at each direction, of those in the picture.
+std::vector<float> MeanRing(const RingSamples& s) {
+  std::vector<float> ring(s.inner.size());
   for (std::size_t i = 0; i < ring.size(); ++i) {
-    ring[i] = (s.inner[i] + s.middle[i] + s.outer[i]) / 3.0f;
+    float sum = 0, count = 0;
+    for (const float v : {s.inner[i], s.middle[i], s.outer[i]}) {
+      if (std::isnan(v)) continue;
+      sum += v;
+      count += 1;
+    }
+    ring[i] = sum / count;
   }
+  return ring;
+}
+
+Sectors ReadSectors(const RingSamples& samples, const std::vector<float>& ring, int num_bits) {
+  Sectors s;
   const auto [low, high] = std::minmax_element(ring.begin(), ring.end());
-  const float dark = *low, bright = *high, height = bright - dark;
-  if (height < 0.5f || dark > 0.4f) return result;
-  const float half_way = 0.5f * (dark + bright);
-  const auto places = Crossings(ring, half_way, s.per_sector);
-  if (static_cast<int>(places.size()) > num_bits) return result;
-  const double phase = Phase(places);
-  const double shift = LargestShift(places, phase);
-  float least = 0.5f;
+  const auto rough = Crossings(ring, *low + kRoughLevel * (*high - *low), samples.per_sector);
+  if (*high - *low < kMinStep || static_cast<int>(rough.size()) > num_bits) return s;
+  s.phase = Phase(rough);
   for (int k = 0; k < num_bits; ++k) {
-    const float v = (SectorMean(ring, phase, k, s.per_sector) - dark) / height;
-    const bool is_bright = v > 0.5f;
-    result.bits = (result.bits << 1) | (is_bright ? 1u : 0u);
-    least = std::min(least, std::abs(v - 0.5f));
-    if ((v > kDarkBelow && v < kBrightAbove) ||
-        !SectorIsClean(s, phase, k, is_bright, half_way)) {
-      return result;
-    }
+    s.height.push_back(SectorMean(ring, s.phase, k, samples.per_sector));
   }
-  result.status = RingStatus::kEdgesOff;
-  if (shift > kMaxShift) return result;
-  for (const auto* circle : {&s.inner, &s.outer}) {
-    const auto single = Crossings(*circle, half_way, s.per_sector);
-    if (single.size() != places.size() || LargestShift(single, phase) > kMaxShiftSingle) {
-      return result;
-    }
+  float step = 0;
+  if (!Divide(&s, &step) || !IsClean(samples, s)) return s;
+  s.status = RingStatus::kEdgesOff;
+  const double shift = LargestShift(ring, s, samples.per_sector);
+  if (s.changes() != static_cast<int>(rough.size()) || shift > kMaxShift) return s;
+  for (const auto* circle : {&samples.inner, &samples.outer}) {
+    if (LargestShift(*circle, s, samples.per_sector) > kMaxShiftSingle) return s;
   }
-  result.status = RingStatus::kCoded;
-  result.quality = least - shift;
-  return result;
+  s.status = RingStatus::kCoded;
+  s.quality = 0.5 * std::min(1.0f, step) - shift;
+  return s;
 }
 
 }  // namespace
@@ -121,10 +185,11 @@ Sectors ReadSectors(const RingSamples& s, int num_bits) {
 RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
                      ReadingDirection direction) {
   RingReading reading;
-  if (FractionAbove(samples.gap, 0.5f) > 0.03 || FractionAbove(samples.middle, 0.5f) == 0.0) {
+  const std::vector<float> ring = MeanRing(samples);
+  if (FractionAbove(samples.gap, 0.5f) > 0.03 || FractionAbove(ring, kMinStep) < 0.02) {
     return reading;
   }
-  const Sectors sectors = ReadSectors(samples, family.num_bits);
+  const Sectors sectors = ReadSectors(samples, ring, family.num_bits);
   reading.status = sectors.status;
   if (sectors.status != RingStatus::kCoded) return reading;
   reading.quality = sectors.quality;

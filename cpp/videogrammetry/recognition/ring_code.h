@@ -33,12 +33,14 @@ struct RingReading {
 /// Reads the code of sampled rings: step 6 of the local Canny.
 ///
 /// - The gap between dot and ring is dark all around.
-/// - The changes between bright and dark along the ring, at half height,
-///   give the phase of the sectors' borders by least squares on the circle;
-///   each lies within a quarter of a sector of its border, near the ring's
-///   inner and outer border too.
-/// - Each sector's middle is clearly bright or dark; bright sectors end
-///   before the gap and beyond the ring, dark ones are as dark as the gap.
+/// - The changes between bright and dark along the ring give the phase of the
+///   sectors' borders by least squares on the circle.
+/// - The sectors' grey values are two separate groups; bright ones end before
+///   the gap and beyond the ring, dark ones are dark up to both. Light that
+///   falls off along the ring is allowed for.
+/// - Each change, at the level half-way between its two sectors, lies within a
+///   quarter of a sector of its border, near the ring's inner and outer border
+///   too (a third: fewer pixels).
 /// - The code is in the family's table.
 /// A minimum cyclic distance of 2 means that one wrong sector is detected,
 /// never corrected: nothing is guessed.

@@ -1,7 +1,9 @@
 #include "videogrammetry/recognition/ring_sampling.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <numbers>
 
 #include "videogrammetry/recognition/ellipse_fit.h"
@@ -13,18 +15,18 @@ std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& d
                                 int count) {
   const EllipseFrame frame = EllipseFrame::From(dot.ellipse);
   const Eigen::Matrix2d scaled = radius * frame.shape;
-  const Eigen::Vector2d reach = scaled.rowwise().norm();
-  if (!image.Covers(frame.center.x() - reach.x(), frame.center.y() - reach.y()) ||
-      !image.Covers(frame.center.x() + reach.x(), frame.center.y() + reach.y())) {
-    return {};
-  }
   const double scale = 1.0 / (dot.inside - dot.outside);
   std::vector<float> values(static_cast<std::size_t>(count));
   for (int i = 0; i < count; ++i) {
     const double t = 2 * std::numbers::pi * i / count;
     const Eigen::Vector2d p = frame.center + scaled * Eigen::Vector2d(std::cos(t), std::sin(t));
+    auto& value = values[static_cast<std::size_t>(i)];
+    if (!image.Covers(p.x(), p.y())) {
+      value = std::numeric_limits<float>::quiet_NaN();
+      continue;
+    }
     const float grey = image.Bilinear(static_cast<float>(p.x()), static_cast<float>(p.y()));
-    values[static_cast<std::size_t>(i)] = static_cast<float>((grey - dot.outside) * scale);
+    value = static_cast<float>((grey - dot.outside) * scale);
   }
   return values;
 }
@@ -37,12 +39,13 @@ std::optional<RingSamples> SampleRing(const SignedImage<T>& image, const TargetE
   const int count = kPerSector * num_bits;
   RingSamples s;
   s.per_sector = kPerSector;
-  s.outer = SampleCircle(image, dot, ring_outer - 0.25 * width, count);
-  if (s.outer.empty() || SampleCircle(image, dot, ring_outer, 4).empty()) return std::nullopt;
+  s.inner = SampleCircle(image, dot, ring_inner + 0.2 * width, count);
+  if (std::any_of(s.inner.begin(), s.inner.end(), [](float v) { return std::isnan(v); })) {
+    return std::nullopt;
+  }
   s.gap = SampleCircle(image, dot, 1.0 + 0.55 * (ring_inner - 1.0), count);
-  s.inner = SampleCircle(image, dot, ring_inner + 0.25 * width, count);
   s.middle = SampleCircle(image, dot, ring_inner + 0.5 * width, count);
-  // Empty at the picture's border: then there is nothing to be checked.
+  s.outer = SampleCircle(image, dot, ring_outer - 0.2 * width, count);
   s.outside = SampleCircle(image, dot, ring_outer + 0.2 * width, count);
   return s;
 }

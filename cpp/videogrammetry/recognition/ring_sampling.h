@@ -24,13 +24,13 @@ struct RingSamples {
 /// The dot's ellipse maps the ring (affine: what is a circle about the dot in
 /// space is, close enough, the ellipse magnified): x = c + rho E u. The
 /// directions u(t) = (cos t, sin t) run from x towards y, clockwise in the picture.
-/// @return empty if a sample lies outside the picture.
+/// A sample outside the picture is NaN.
 template <typename T>
 std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& dot, double radius,
                                 int count);
 
 /// All five circles.
-/// @return nullopt if the ring is not wholly in the picture.
+/// @return nullopt if the picture's border cuts the ring's inner part.
 template <typename T>
 std::optional<RingSamples> SampleRing(const SignedImage<T>& image, const TargetEdge& dot,
                                       double ring_inner, double ring_outer, int num_bits);

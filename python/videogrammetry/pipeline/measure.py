@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from videogrammetry.pipeline.frames import (
 )
 from videogrammetry.project import Project, provenance, read_rig
 from videogrammetry.recognition import code_family
-from videogrammetry.reconstruction import reconstruct_stage
+from videogrammetry.reconstruction import Triangulator, reconstruct_stage
 from videogrammetry.sequence import check_same_length
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.tracking import build_trajectories, link_stages
@@ -49,15 +50,16 @@ class StageResult:
 
 
 def measure_stage(
-    rig: RigData, targets: Sequence[Targets], options: MatchingOptions | None = None
+    triangulator: Triangulator, targets: Sequence[Targets], options: MatchingOptions | None = None
 ) -> StageResult:
     """Match and reconstruct the targets of one stage, one ``Targets`` a camera."""
+    rig = triangulator.rig
     matches = match_stage(rig, targets, options)
     cov = [
         image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
         for name, t in zip(rig.cameras, targets, strict=True)
     ]
-    points = reconstruct_stage(rig, matches, [t.centre_px for t in targets], cov)
+    points = reconstruct_stage(triangulator, matches, [t.centre_px for t in targets], cov)
     return StageResult(tuple(targets), matches, points)
 
 
@@ -93,11 +95,11 @@ def measure_project(
     first, last = _stage_range(project, check_same_length(sources))
     rate, warnings = _frame_rate(project, sources)
     options = recognition_options(project.targets)
+    triangulator = Triangulator(rig)
 
     def work(index: int) -> StageResult:
-        return measure_stage(
-            rig, [read_and_recognize(source, index, options) for source in sources.values()]
-        )
+        targets = [read_and_recognize(source, index, options) for source in sources.values()]
+        return measure_stage(triangulator, targets)
 
     results: list[StageResult] = []
     for result in map_bounded(work, range(first - 1, last), num_threads):
@@ -132,8 +134,7 @@ def measure_project(
 
 def first_free_id(project: Project) -> int:
     """The first number for un-coded points: above the family's largest code."""
-    family = code_family(project.targets.codes)
-    return (family.largest_id if family is not None else 0) + 1
+    return len(code_family(project.targets.codes)) + 1
 
 
 def _refuse_filter(project: Project) -> None:
@@ -171,12 +172,14 @@ def _rig_in_order(rig: RigData, sources: dict[str, JoinedSource], project: Proje
                 "principal point)"
             )
     cameras = {name: rig.cameras[name] for name in sources}
-    if len(cameras) == len(rig.cameras):
-        return RigData(**{**rig.__dict__, "cameras": cameras})
+    columns = [list(rig.cameras).index(name) for name in cameras]
+    seen = None if rig.volume_seen is None else rig.volume_seen[:, columns]
     keep = [i for i, n in enumerate(rig.cov_names) if n.rsplit("/", 1)[0] in cameras]
     cov = None if rig.cov is None else rig.cov[np.ix_(keep, keep)]
     names = tuple(rig.cov_names[i] for i in keep)
-    return RigData(**{**rig.__dict__, "cameras": cameras, "cov": cov, "cov_names": names})
+    return dataclasses.replace(
+        rig, cameras=cameras, cov=cov, cov_names=names, volume_seen=seen
+    )
 
 
 def _stage_range(project: Project, count: int) -> tuple[int, int]:

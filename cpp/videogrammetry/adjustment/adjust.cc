@@ -70,24 +70,23 @@ bool FloorsMoved(const Network& network, const std::vector<double>& floors) {
   return false;
 }
 
-/// One look at the present solution: weights, observations and parameters
-/// that must change. True if something did.
+/// One look at the present solution: observations, then weights, that must
+/// change. True if something did. Floors wait until no outlier is left that
+/// would raise them; until then those of the robust start hold.
 bool Revise(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
             std::vector<int>* rounds_out, AdjustResult* result) {
   result->statistics = dispersion.Statistics();
-  bool changed = false;
-  if (options.estimate_floor) {
-    const std::vector<double> floors =
-        EstimateFloors(*network, result->statistics, options.critical_value);
-    changed = FloorsMoved(*network, floors);
-    if (changed) SetFloors(network, floors);
-  }
   if (options.critical_value > 0) {
     const SnoopingChange change =
         SnoopOnce(network, result->statistics, options.critical_value, rounds_out);
-    changed |= change.rejected + change.readmitted > 0;
+    if (change.rejected + change.readmitted > 0) return true;
   }
-  return changed;
+  if (!options.estimate_floor) return false;
+  const std::vector<double> floors =
+      EstimateFloors(*network, result->statistics, options.critical_value);
+  if (!FloorsMoved(*network, floors)) return false;
+  SetFloors(network, floors);
+  return true;
 }
 
 double SigmaZero(const Dispersion& dispersion) {

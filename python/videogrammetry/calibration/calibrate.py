@@ -63,6 +63,8 @@ def calibrate(
     pictures = collect_pictures(cameras, target)
     starts = [start_camera(c, pictures.of_camera(i), target) for i, c in enumerate(cameras)]
     rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, target)
+    for camera, stage in rig.dropped:
+        del starts[camera].poses[stage]
     if options.method == "mean":
         outcome = calibrate_mean(cameras, starts, rig, pictures, target, options)
     else:

@@ -44,6 +44,7 @@ def calibrate_joint(
         cov=camera_covariance(solution),
         position_mm=network.positions_mm,
         point_cov_mm2=adjustment.sigma0**2 * solution.dispersion.point_cov_mm2,
+        rejected=rig.rejected,
         warnings=warnings,
     )
 

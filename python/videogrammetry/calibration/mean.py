@@ -57,7 +57,7 @@ def calibrate_mean(
         cov=_camera_covariance(solutions, exterior_cov),
         position_mm=target.position_mm,
         point_cov_mm2=None,
-        rejected=rejected,
+        rejected=(*rig.rejected, *rejected),
         warnings=warnings,
     )
 

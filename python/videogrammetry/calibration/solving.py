@@ -15,8 +15,9 @@ from videogrammetry.calibration.bundle import (
     offered,
     offered_names,
 )
+from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
-from videogrammetry.calibration.uncoded import assign_uncoded
+from videogrammetry.calibration.uncoded import assign_uncoded, faces
 from videogrammetry.errors import CalibrationError
 from videogrammetry.types import PointSet
 
@@ -76,6 +77,7 @@ def solve(
         adjustment = bundle.network.adjust(again, offered(own))
         dispersion = bundle.network.dispersion()
     _check(bundle, adjustment, cameras, f_given)
+    _check_facing(bundle, adjustment, target)
     rejected = dropped_rejections(adjustment, bundle.camera_of, names)
     rejected += observation_rejections(bundle, adjustment, names, target)
     return Solution(
@@ -85,7 +87,7 @@ def solve(
 
 
 def _exchange_pictures(
-    bundle: Bundle, pictures: list, adjustment: Adjustment, base: list
+    bundle: Bundle, pictures: list[Picture], adjustment: Adjustment, base: list[Picture]
 ) -> None:
     """New pictures (base points first, then assigned ones); what was rejected of base stays so."""
     used = []
@@ -128,6 +130,24 @@ def _check(
                 "agree with one rigid target and one rigid rig; are its pictures synchronous with "
                 "the others', its codes and the target's coordinates the right ones?"
             )
+
+
+def _check_facing(bundle: Bundle, adjustment: Adjustment, target: PointSet) -> None:
+    """CalibrationError if most points with a known normal turn away from the cameras."""
+    if target.normal is None:
+        return
+    images, points = bundle.image_of, bundle.point_of
+    facing = np.concatenate(
+        [
+            faces(bundle, image, points[adjustment.used & (images == image)], target)
+            for image in range(len(bundle.pictures))
+        ]
+    )
+    if facing.size and facing.mean() < 0.5:
+        raise CalibrationError(
+            f"{1 - facing.mean():.0%} of the points are seen from behind their normals: the target's "
+            "coordinates or normals are mirrored; change the sign of one coordinate"
+        )
 
 
 def _doubts(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.adjustment import Adjustment, Dispersion
 from videogrammetry.calibration.bundle import Bundle
@@ -46,7 +47,7 @@ def assign_uncoded(
             continue
         unseen = np.setdiff1d(np.arange(len(target)), picture.point).astype(np.int32)
         xy, cov = dispersion.predict(np.full(len(unseen), image), unseen)
-        visible = np.isfinite(xy).all(axis=1) & _faces(bundle, image, unseen, target)
+        visible = np.isfinite(xy).all(axis=1) & faces(bundle, image, unseen, target)
         floor = bundle.network.floor_px(bundle.network_camera(image))
         targets, points = match_nearest(
             picture.open_xy_px,
@@ -105,7 +106,9 @@ def _largest_variance(cov: FloatArray) -> FloatArray:
     return result
 
 
-def _faces(bundle: Bundle, image: int, points: IntArray, target: PointSet) -> FloatArray:
+def faces(
+    bundle: Bundle, image: int, points: IntArray, target: PointSet
+) -> npt.NDArray[np.bool_]:
     """Whether points with a known normal turn towards the camera (True without normals)."""
     if target.normal is None:
         return np.ones(len(points), bool)
@@ -114,4 +117,5 @@ def _faces(bundle: Bundle, image: int, points: IntArray, target: PointSet) -> Fl
     normal = target.normal[points] @ rotation.T
     cosine = -np.sum(in_cam * normal, axis=1) / np.linalg.norm(in_cam, axis=1)
     known = np.isfinite(normal).all(axis=1) & (np.linalg.norm(normal, axis=1) > 0)
-    return ~known | (cosine > MIN_COSINE)
+    result: npt.NDArray[np.bool_] = ~known | (cosine > MIN_COSINE)
+    return result

@@ -1,9 +1,279 @@
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <limits>
 
 #include "bindings.h"
+#include "videogrammetry/adjustment/adjust.h"
+#include "videogrammetry/adjustment/bundle.h"
+#include "videogrammetry/adjustment/dispersion.h"
+#include "videogrammetry/adjustment/dlt.h"
+#include "videogrammetry/adjustment/focal_search.h"
+#include "videogrammetry/adjustment/homography.h"
+#include "videogrammetry/adjustment/network.h"
+#include "videogrammetry/adjustment/resection.h"
+
+namespace py = pybind11;
+using namespace pybind11::literals;
 
 namespace videogrammetry::bindings {
+namespace {
 
-void BindAdjustment(pybind11::module_& parent) { parent.def_submodule("adjustment"); }
+template <int Columns>
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Columns, Eigen::RowMajor>;
+using Interior = Eigen::Matrix<double, kNumInterior, 1>;
+using Mask = std::array<bool, kNumInterior>;
+using Indices = Eigen::Ref<const Eigen::VectorXi>;
+
+int AddCamera(Network& n, const std::string& name, const Camera& camera, const Mask& free,
+              const Interior& start, const Interior& prior_sigma, double floor_px) {
+  n.cameras.push_back({name, camera, free, prior_sigma, start, floor_px});
+  return static_cast<int>(n.cameras.size()) - 1;
+}
+
+int AddPose(Network& n, const std::string& name, const Eigen::Matrix3d& rotation,
+            const Eigen::Vector3d& translation_mm, bool free) {
+  n.poses.push_back({name, {rotation, translation_mm}, free});
+  return static_cast<int>(n.poses.size()) - 1;
+}
+
+int AddImage(Network& n, const std::string& name, int camera, int outer, int inner) {
+  n.images.push_back({name, camera, outer, inner});
+  return static_cast<int>(n.images.size()) - 1;
+}
+
+/// cov_mm2 (N, 9), row by row; no rows: the points are `kind` without a prior.
+void SetPoints(Network& n, const Indices& id, const Eigen::Ref<const Rows<3>>& position_mm,
+               const Eigen::Ref<const Rows<9>>& cov_mm2, PointKind kind) {
+  n.points.clear();
+  for (Eigen::Index i = 0; i < id.size(); ++i) {
+    NetworkPoint p{id[i], position_mm.row(i).transpose(), kind, position_mm.row(i).transpose()};
+    if (cov_mm2.rows() > 0) {
+      p.prior_cov_mm2 = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
+          cov_mm2.row(i).data());
+    }
+    n.points.push_back(p);
+  }
+}
+
+void SetObservations(Network& n, const Indices& image, const Indices& point,
+                     const Eigen::Ref<const Rows<2>>& xy_px,
+                     const Eigen::Ref<const Rows<3>>& cov_px2, const std::vector<bool>& used) {
+  n.observations.clear();
+  for (Eigen::Index i = 0; i < image.size(); ++i) {
+    Eigen::Matrix2d cov;
+    cov << cov_px2(i, 0), cov_px2(i, 1), cov_px2(i, 1), cov_px2(i, 2);
+    n.observations.push_back({image[i], point[i], xy_px.row(i).transpose(), cov,
+                              used[static_cast<std::size_t>(i)]});
+  }
+}
+
+std::vector<bool> Used(const Network& n) {
+  std::vector<bool> used;
+  for (const NetworkObservation& o : n.observations) used.push_back(o.used);
+  return used;
+}
+
+Rows<3> Positions(const Network& n) {
+  Rows<3> positions(static_cast<Eigen::Index>(n.points.size()), 3);
+  for (std::size_t i = 0; i < n.points.size(); ++i) {
+    positions.row(static_cast<Eigen::Index>(i)) = n.points[i].position_mm.transpose();
+  }
+  return positions;
+}
+
+py::dict StatisticsArrays(const std::vector<ObservationStatistics>& statistics) {
+  const Eigen::Index n = static_cast<Eigen::Index>(statistics.size());
+  Rows<2> residual(n, 2), normalised(n, 2), redundancy(n, 2);
+  std::vector<bool> valid;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const ObservationStatistics& s = statistics[static_cast<std::size_t>(i)];
+    residual.row(i) = s.residual_px.transpose();
+    normalised.row(i) = s.normalised.transpose();
+    redundancy.row(i) = s.redundancy.transpose();
+    valid.push_back(s.valid);
+  }
+  return py::dict("residual_px"_a = residual, "normalised"_a = normalised,
+                  "redundancy"_a = redundancy, "valid"_a = valid);
+}
+
+/// Covariances of the points, (N, 9) row by row.
+Rows<9> PointCovariances(const Network& n, const Dispersion& dispersion) {
+  Rows<9> cov(static_cast<Eigen::Index>(n.points.size()), 9);
+  for (Eigen::Index i = 0; i < cov.rows(); ++i) {
+    const Eigen::Matrix3d c = dispersion.CovPoint(static_cast<int>(i));
+    cov.row(i) = Eigen::Map<const Eigen::Matrix<double, 1, 9>>(c.data());
+  }
+  return cov;
+}
+
+/// Predicted pictures (N, 2) and covariances (N, 3); NaN where there is none.
+py::tuple PredictMany(const Dispersion& dispersion, const Indices& image, const Indices& point) {
+  Rows<2> xy = Rows<2>::Constant(image.size(), 2, std::numeric_limits<double>::quiet_NaN());
+  Rows<3> cov = Rows<3>::Constant(image.size(), 3, std::numeric_limits<double>::quiet_NaN());
+  for (Eigen::Index i = 0; i < image.size(); ++i) {
+    const auto p = dispersion.Predict(image[i], point[i]);
+    if (!p) continue;
+    xy.row(i) = p->pixel.transpose();
+    cov.row(i) << p->cov_px2(0, 0), p->cov_px2(0, 1), p->cov_px2(1, 1);
+  }
+  return py::make_tuple(xy, cov);
+}
+
+void BindNetwork(py::module_& m) {
+  py::enum_<PointKind>(m, "PointKind")
+      .value("FIXED", PointKind::kFixed)
+      .value("WEIGHTED", PointKind::kWeighted)
+      .value("FREE", PointKind::kFree);
+  py::class_<Network>(m, "Network")
+      .def(py::init<>())
+      .def("add_camera", &AddCamera, "name"_a, "camera"_a, "free"_a, "start"_a, "prior_sigma"_a,
+           "floor_px"_a)
+      .def("add_pose", &AddPose, "name"_a, "rotation"_a, "translation_mm"_a, "free"_a)
+      .def("add_image", &AddImage, "name"_a, "camera"_a, "outer"_a, "inner"_a)
+      .def("set_points", &SetPoints, "id"_a, "position_mm"_a, "cov_mm2"_a, "kind"_a)
+      .def("set_observations", &SetObservations, "image"_a, "point"_a, "xy_px"_a, "cov_px2"_a,
+           "used"_a)
+      .def("set_pose",
+           [](Network& n, int i, const Eigen::Matrix3d& rotation, const Eigen::Vector3d& t) {
+             n.poses.at(static_cast<std::size_t>(i)).transform = {rotation, t};
+           })
+      .def("set_free", [](Network& n, int i, const Mask& free) {
+        n.cameras.at(static_cast<std::size_t>(i)).free = free;
+      })
+      .def("camera", [](const Network& n, int i) {
+        return n.cameras.at(static_cast<std::size_t>(i)).camera;
+      })
+      .def("free", [](const Network& n, int i) {
+        return n.cameras.at(static_cast<std::size_t>(i)).free;
+      })
+      .def("floor_px", [](const Network& n, int i) {
+        return n.cameras.at(static_cast<std::size_t>(i)).floor_px;
+      })
+      .def("pose", [](const Network& n, int i) {
+        const Rigid3& t = n.poses.at(static_cast<std::size_t>(i)).transform;
+        return py::make_tuple(t.rotation, t.translation_mm);
+      })
+      .def_property_readonly("num_poses", [](const Network& n) { return n.poses.size(); })
+      .def_property_readonly("positions_mm", &Positions)
+      .def_property_readonly("used", &Used);
+}
+
+void BindAdjust(py::module_& m) {
+  py::class_<AdjustOptions>(m, "AdjustOptions")
+      .def(py::init<>())
+      .def_readwrite("critical_value", &AdjustOptions::critical_value)
+      .def_readwrite("estimate_floor", &AdjustOptions::estimate_floor)
+      .def_readwrite("robust_start", &AdjustOptions::robust_start)
+      .def_readwrite("significance", &AdjustOptions::significance)
+      .def_readwrite("offered", &AdjustOptions::offered)
+      .def_readwrite("max_rounds", &AdjustOptions::max_rounds)
+      .def_readwrite("num_threads", &AdjustOptions::num_threads);
+  py::class_<CameraVariance>(m, "CameraVariance")
+      .def_readonly("factor", &CameraVariance::factor)
+      .def_readonly("redundancy", &CameraVariance::redundancy)
+      .def_readonly("rms_px", &CameraVariance::rms_px)
+      .def_readonly("count", &CameraVariance::count);
+  py::class_<DroppedParameter>(m, "DroppedParameter")
+      .def_readonly("camera", &DroppedParameter::camera)
+      .def_readonly("parameter", &DroppedParameter::parameter)
+      .def_readonly("value", &DroppedParameter::value)
+      .def_readonly("sigma", &DroppedParameter::sigma)
+      .def_readonly("undetermined", &DroppedParameter::undetermined);
+  py::class_<AdjustResult>(m, "AdjustResult")
+      .def_readonly("converged", &AdjustResult::converged)
+      .def_readonly("message", &AdjustResult::message)
+      .def_readonly("sigma0", &AdjustResult::sigma0)
+      .def_readonly("num_observations", &AdjustResult::num_observations)
+      .def_readonly("num_prior", &AdjustResult::num_prior)
+      .def_readonly("num_unknowns", &AdjustResult::num_unknowns)
+      .def_readonly("redundancy", &AdjustResult::redundancy)
+      .def_readonly("point_factor", &AdjustResult::point_factor)
+      .def_readonly("point_redundancy", &AdjustResult::point_redundancy)
+      .def_readonly("cameras", &AdjustResult::cameras)
+      .def_readonly("dropped", &AdjustResult::dropped)
+      .def_readonly("rounds", &AdjustResult::rounds)
+      .def_property_readonly("statistics", [](const AdjustResult& r) {
+        return StatisticsArrays(r.statistics);
+      });
+  m.def("adjust", &Adjust, "network"_a, "options"_a, py::call_guard<py::gil_scoped_release>());
+  py::class_<Dispersion>(m, "Dispersion")
+      .def(py::init<const Network&>(), "network"_a, py::keep_alive<1, 2>(),
+           py::call_guard<py::gil_scoped_release>())
+      .def_property_readonly("cov_reduced", &Dispersion::cov_reduced)
+      .def_property_readonly("interior_index",
+                             [](const Dispersion& d) { return d.index().interior; })
+      .def_property_readonly("pose_index", [](const Dispersion& d) { return d.index().pose; })
+      .def_property_readonly("redundancy", &Dispersion::redundancy)
+      .def("full_covariance", &Dispersion::FullCovariance,
+           py::call_guard<py::gil_scoped_release>())
+      .def("statistics", [](const Dispersion& d) { return StatisticsArrays(d.Statistics()); })
+      .def("predict", &PredictMany, "image"_a, "point"_a);
+  m.def("point_covariances", &PointCovariances, "network"_a, "dispersion"_a);
+}
+
+void BindStart(py::module_& m) {
+  m.def(
+      "dlt",
+      [](const Eigen::Ref<const Rows<3>>& points_mm, const Eigen::Ref<const Rows<2>>& pixels) {
+        const DltResult r = DirectLinearTransform(points_mm, pixels);
+        return py::make_tuple(r.calibration, r.cam_from_object.rotation,
+                              r.cam_from_object.translation_mm, r.rms_px);
+      },
+      "points_mm"_a, "pixels"_a);
+  m.def(
+      "resect",
+      [](const Camera& camera, const Eigen::Ref<const Rows<3>>& points_mm,
+         const Eigen::Ref<const Rows<2>>& pixels, double threshold_px, int num_samples) {
+        std::vector<PoseCandidate> found;
+        {
+          const py::gil_scoped_release release;
+          found = Resect(camera, points_mm, pixels, {threshold_px, num_samples});
+        }
+        py::list result;
+        for (const PoseCandidate& c : found) {
+          result.append(py::make_tuple(c.cam_from_object.rotation, c.cam_from_object.translation_mm,
+                                       c.cost_px2, c.inliers));
+        }
+        return result;
+      },
+      "camera"_a, "points_mm"_a, "pixels"_a, "threshold_px"_a, "num_samples"_a);
+  m.def(
+      "search_focal",
+      [](const Camera& camera, const std::vector<Rows<3>>& points_mm,
+         const std::vector<Rows<2>>& pixels, double threshold_px) {
+        std::vector<ResectionView> views;
+        for (std::size_t i = 0; i < points_mm.size(); ++i) {
+          views.push_back({points_mm[i], pixels.at(i)});
+        }
+        FocalSearchResult r;
+        {
+          const py::gil_scoped_release release;
+          r = SearchFocal(camera, views, threshold_px);
+        }
+        return py::make_tuple(r.f_px, r.rms_px, r.contrast);
+      },
+      "camera"_a, "points_mm"_a, "pixels"_a, "threshold_px"_a);
+  m.def(
+      "plane_homography",
+      [](const Eigen::Ref<const Rows<2>>& plane_mm, const Eigen::Ref<const Rows<2>>& pixels) {
+        return FitHomography(plane_mm, pixels);
+      },
+      "plane_mm"_a, "pixels"_a);
+  m.def("principal_extents", [](const Eigen::Ref<const Rows<3>>& points_mm) {
+    return PrincipalExtents(points_mm);
+  });
+}
+
+}  // namespace
+
+void BindAdjustment(py::module_& parent) {
+  py::module_ m = parent.def_submodule("adjustment");
+  BindNetwork(m);
+  BindAdjust(m);
+  BindStart(m);
+}
 
 }  // namespace videogrammetry::bindings

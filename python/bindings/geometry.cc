@@ -7,7 +7,7 @@
 #include "bindings.h"
 #include "videogrammetry/geometry/camera.h"
 #include "videogrammetry/geometry/conic.h"
-#include "videogrammetry/geometry/rigid3.h"
+#include "videogrammetry/geometry/rig.h"
 
 namespace py = pybind11;
 using namespace pybind11::literals;
@@ -80,6 +80,12 @@ void BindGeometry(py::module_& parent) {
       .def_property_readonly("measured", [](const Camera& c) {
         return c.direction == DistortionDirection::kMeasured;
       });
+  py::class_<OrientedCamera>(m, "OrientedCamera")
+      .def(py::init([](const Camera& camera, const Eigen::Matrix3d& rotation,
+                       const Eigen::Vector3d& translation_mm) {
+             return OrientedCamera{camera, Rigid3{rotation, translation_mm}};
+           }),
+           "camera"_a, "rotation"_a, "translation_mm"_a);
   m.def("default_r0_px", &DefaultR0Px, "width_px"_a, "height_px"_a);
   m.def("project", &ProjectPoints, "camera"_a, "points_in_cam"_a,
         py::call_guard<py::gil_scoped_release>());

@@ -1,9 +1,92 @@
-#include <pybind11/pybind11.h>
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
 
 #include "bindings.h"
+#include "videogrammetry/matching/match.h"
+
+namespace py = pybind11;
+using namespace pybind11::literals;
 
 namespace videogrammetry::bindings {
+namespace {
 
-void BindMatching(pybind11::module_& parent) { parent.def_submodule("matching"); }
+template <typename T>
+using Array = py::array_t<T, py::array::c_style>;
+
+CameraTargets MakeTargets(const Array<double>& xy_px, const Array<double>& cov_px2,
+                          const Array<std::int32_t>& id, const Array<double>& semi_major_px) {
+  const auto n = static_cast<std::size_t>(id.size());
+  if (static_cast<std::size_t>(xy_px.size()) != 2 * n ||
+      static_cast<std::size_t>(cov_px2.size()) != 3 * n ||
+      static_cast<std::size_t>(semi_major_px.size()) != n) {
+    throw std::invalid_argument(
+        "targets: expected xy_px (N, 2), cov_px2 (N, 3), id (N), semi_major_px (N)");
+  }
+  CameraTargets targets;
+  for (std::size_t i = 0; i < n; ++i) {
+    targets.xy_px.emplace_back(xy_px.data()[2 * i], xy_px.data()[2 * i + 1]);
+    const double* c = cov_px2.data() + 3 * i;
+    targets.cov_px2.push_back((Eigen::Matrix2d() << c[0], c[1], c[1], c[2]).finished());
+    targets.id.push_back(id.data()[i]);
+    targets.semi_major_px.push_back(semi_major_px.data()[i]);
+  }
+  return targets;
+}
+
+py::dict ToDict(const MatchResult& result, std::size_t cameras) {
+  const auto p = static_cast<py::ssize_t>(result.matches.size());
+  const auto c = static_cast<py::ssize_t>(cameras);
+  py::array_t<std::int32_t> target({p, c});
+  py::array_t<std::int32_t> id(p);
+  py::array_t<double> chi2(p), log_odds(p);
+  for (py::ssize_t i = 0; i < p; ++i) {
+    const Match& match = result.matches[static_cast<std::size_t>(i)];
+    for (py::ssize_t k = 0; k < c; ++k) {
+      target.mutable_at(i, k) = match.target[static_cast<std::size_t>(k)];
+    }
+    id.mutable_at(i) = match.id;
+    chi2.mutable_at(i) = match.chi2;
+    log_odds.mutable_at(i) = match.log_odds;
+  }
+  py::list status;
+  for (const auto& camera : result.status) {
+    py::array_t<std::uint8_t> values(static_cast<py::ssize_t>(camera.size()));
+    for (std::size_t i = 0; i < camera.size(); ++i) {
+      values.mutable_at(static_cast<py::ssize_t>(i)) = static_cast<std::uint8_t>(camera[i]);
+    }
+    status.append(values);
+  }
+  return py::dict("target"_a = target, "id"_a = id, "chi2"_a = chi2, "log_odds"_a = log_odds,
+                  "status"_a = status);
+}
+
+}  // namespace
+
+void BindMatching(py::module_& parent) {
+  py::module_ m = parent.def_submodule("matching");
+  py::class_<CameraTargets>(m, "CameraTargets")
+      .def(py::init(&MakeTargets), "xy_px"_a, "cov_px2"_a, "id"_a, "semi_major_px"_a);
+  py::class_<MatchingOptions>(m, "MatchingOptions")
+      .def(py::init<>())
+      .def_readwrite("critical_value", &MatchingOptions::critical_value)
+      .def_readwrite("max_size_ratio", &MatchingOptions::max_size_ratio)
+      .def_readwrite("min_log_odds", &MatchingOptions::min_log_odds)
+      .def_readwrite("neighbours", &MatchingOptions::neighbours)
+      .def_readwrite("min_distance_mm", &MatchingOptions::min_distance_mm)
+      .def_readwrite("max_distance_mm", &MatchingOptions::max_distance_mm);
+  m.def(
+      "match_stage",
+      [](const Rig& rig, const std::vector<CameraTargets>& cameras,
+         const MatchingOptions& options) {
+        MatchResult result;
+        {
+          const py::gil_scoped_release release;
+          result = MatchStage(rig, cameras, options);
+        }
+        return ToDict(result, rig.size());
+      },
+      "rig"_a, "cameras"_a, "options"_a);
+}
 
 }  // namespace videogrammetry::bindings

@@ -1,9 +1,62 @@
-#include <pybind11/pybind11.h>
+#include "videogrammetry/reconstruction/triangulate.h"
+
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
 
 #include "bindings.h"
 
-namespace videogrammetry::bindings {
+namespace py = pybind11;
+using namespace pybind11::literals;
 
-void BindReconstruction(pybind11::module_& parent) { parent.def_submodule("reconstruction"); }
+namespace videogrammetry::bindings {
+namespace {
+
+template <typename T>
+using Array = py::array_t<T, py::array::c_style>;
+
+template <typename T>
+py::array_t<T> Shaped(const std::vector<T>& values, std::vector<py::ssize_t> shape) {
+  py::array_t<T> array(std::move(shape));
+  std::copy(values.begin(), values.end(), array.mutable_data());
+  return array;
+}
+
+py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
+                           const Array<std::int32_t>& camera, const Array<double>& xy_px,
+                           const Array<double>& cov_px2, const Eigen::MatrixXd& cov_rig,
+                           int num_threads) {
+  if (xy_px.size() != 2 * camera.size() || cov_px2.size() != 3 * camera.size()) {
+    throw std::invalid_argument("xy_px: expected (M, 2), cov_px2: (M, 3) for M cameras");
+  }
+  MatchArrays matches;
+  matches.offsets = {offsets.data(), static_cast<std::size_t>(offsets.size())};
+  matches.camera = {camera.data(), static_cast<std::size_t>(camera.size())};
+  matches.xy_px = xy_px.data();
+  matches.cov_px2 = cov_px2.data();
+  TriangulatedPoints points;
+  {
+    const py::gil_scoped_release release;
+    points = Triangulate(rig, matches, cov_rig, {num_threads});
+  }
+  const auto p = static_cast<py::ssize_t>(points.status.size());
+  const auto m = static_cast<py::ssize_t>(camera.size());
+  return py::dict("position_mm"_a = Shaped(points.position_mm, {p, 3}),
+                  "cov_image_mm2"_a = Shaped(points.cov_image, {p, 3, 3}),
+                  "cov_rig_mm2"_a = Shaped(points.cov_rig, {p, 3, 3}),
+                  "chi2"_a = Shaped(points.chi2, {p}),
+                  "convergence_rad"_a = Shaped(points.convergence_rad, {p}),
+                  "residual_px"_a = Shaped(points.residual_px, {m, 2}),
+                  "status"_a = Shaped(points.status, {p}));
+}
+
+}  // namespace
+
+void BindReconstruction(py::module_& parent) {
+  py::module_ m = parent.def_submodule("reconstruction");
+  m.def("triangulate", &TriangulateArrays, "rig"_a, "offsets"_a.noconvert(),
+        "camera"_a.noconvert(), "xy_px"_a.noconvert(), "cov_px2"_a.noconvert(), "cov_rig"_a,
+        "num_threads"_a);
+}
 
 }  // namespace videogrammetry::bindings

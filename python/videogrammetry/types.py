@@ -210,3 +210,153 @@ class RigData:
     cov_names: tuple[str, ...] = ()
     sigma_floor_px: Mapping[str, float] = field(default_factory=dict)
     how: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Matches:
+    """Targets of all cameras of one stage that show the same points.
+
+    Attributes
+    ----------
+    target : (P, C) index of the target in each camera's Targets, -1 = not seen.
+    id : (P,) code number or -1. chi2 : (P,) of the rays, 2n - 3 degrees of freedom.
+    log_odds : (P,) against the best alternative match.
+    status : a camera: (N,) index into ``matching.TARGET_STATUS``.
+    """
+
+    target: IntArray
+    id: IntArray
+    chi2: FloatArray
+    log_odds: FloatArray
+    status: tuple[npt.NDArray[np.uint8], ...]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StagePoints:
+    """The points of one stage.
+
+    Attributes
+    ----------
+    id : (P,) code number or -1. target : (P, C) as in :class:`Matches`.
+    position_mm : (P, 3) in the rig's frame.
+    cov_image_mm2, cov_rig_mm2 : (P, 3, 3) from the image noise and from the
+        calibration; their sum is the point's covariance.
+    rms_px : (P,) RMS residual per coordinate. chi2 : (P,).
+    convergence_rad : (P,) largest angle between two rays.
+    residual_px : (P, C, 2) measured - adjusted, NaN where not seen.
+    """
+
+    id: IntArray
+    target: IntArray
+    position_mm: FloatArray
+    cov_image_mm2: FloatArray
+    cov_rig_mm2: FloatArray
+    rms_px: FloatArray
+    chi2: FloatArray
+    convergence_rad: FloatArray
+    residual_px: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectories:
+    """Points over stages; NaN where a point was not measured.
+
+    Attributes
+    ----------
+    stage : (S,) numbers from 1. time_s : (S,), NaN without a frame rate.
+    point_id : (P,). position_mm : (S, P, 3).
+    cov_mm2 : (S, P, 6) image noise and calibration, order ``COV6_ORDER``.
+    cov_image_mm2 : (S, P, 6) the image noise's part alone.
+    cameras_used : (S, P, C) bool. rms_px : (S, P).
+    camera_names : (C,).
+    """
+
+    stage: IntArray
+    time_s: FloatArray
+    point_id: IntArray
+    position_mm: FloatArray
+    cov_mm2: FloatArray
+    cov_image_mm2: FloatArray
+    cameras_used: npt.NDArray[np.bool_]
+    rms_px: FloatArray
+    camera_names: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Motion of points and of their centroid; NaN where it is not defined.
+
+    Shapes: (S, P, 3) for points, (S, 3) for the centroid, covariances
+    (S, P, 6) or (S, 6) in the order ``COV6_ORDER``. ``step_mm`` is Eq. (10),
+    X(i+1) - X(i) stored at stage i; ``displacement_mm`` is against
+    ``reference_stage``; ``velocity_mm_s`` is Eq. (11). Covariances are of the
+    image noise: the calibration's error is common to both ends of a
+    difference and cancels to first order.
+
+    ``centroid_mm`` is Eq. (12) over ``centroid_points``, the same points at
+    every stage; ``centroid_cov_mm2`` contains the calibration, taken as common
+    to all points.
+    """
+
+    reference_stage: int
+    step_mm: FloatArray
+    step_cov_mm2: FloatArray
+    displacement_mm: FloatArray
+    displacement_cov_mm2: FloatArray
+    velocity_mm_s: FloatArray
+    velocity_cov_mm2_s2: FloatArray
+    centroid_points: IntArray
+    centroid_mm: FloatArray
+    centroid_cov_mm2: FloatArray
+    centroid_displacement_mm: FloatArray
+    centroid_displacement_cov_mm2: FloatArray
+    centroid_velocity_mm_s: FloatArray
+    centroid_velocity_cov_mm2_s2: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetRecords:
+    """Every target seen in a measurement, one row each.
+
+    ``point_id`` is the trajectory that the target went into, -1 = none;
+    ``match_status`` by ``matching.TARGET_STATUS``; ``ring_status`` by
+    ``recognition.RING_STATUS``.
+    """
+
+    stage: IntArray
+    camera: IntArray
+    centre_px: FloatArray
+    semi_axes_px: FloatArray
+    angle_rad: FloatArray
+    sigma_px: FloatArray
+    code_id: IntArray
+    point_id: IntArray
+    residual_px: FloatArray
+    match_status: npt.NDArray[np.uint8]
+    ring_status: npt.NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.stage)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """Everything that ``measure`` found: what measurement.h5 holds.
+
+    ``image_name[c][s]`` is the picture of camera c at the s-th stage;
+    ``provenance`` has version, options, hashes of the inputs and time.
+    """
+
+    trajectories: Trajectories
+    motion: Motion
+    targets: TargetRecords
+    image_name: tuple[tuple[str, ...], ...]
+    frame_rate_hz: float | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()

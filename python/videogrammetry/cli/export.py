@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from videogrammetry.cli.common import SubParsers, add_force, add_verb
-from videogrammetry.project import read_project, refuse_overwrite, write_text
+from videogrammetry.project import read_measurement, read_project, refuse_overwrite, write_text
 
 SUFFIXES = (".csv",)
 
@@ -19,7 +19,7 @@ def add_parser(verbs: SubParsers) -> None:
         "export",
         run,
         help="write a measurement in another format",
-        description="Writes trajectories, motion, or the points of one stage; the suffix of FILE "
+        description="Writes trajectories, motion, the points of one stage or the targets seen; the suffix of FILE "
         "is the format (.csv).",
         example="videogrammetry export project.toml motion.csv --what motion",
     )
@@ -27,7 +27,7 @@ def add_parser(verbs: SubParsers) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="file to write")
     parser.add_argument(
         "--what",
-        choices=("trajectories", "motion", "points"),
+        choices=("trajectories", "motion", "points", "targets"),
         default="trajectories",
         help="what to write (default: %(default)s)",
     )
@@ -49,15 +49,9 @@ def run(args: argparse.Namespace) -> int:
     project = read_project(args.project)
     refuse_overwrite(args.file, args.force)
 
-    from videogrammetry.export import motion_csv, points_csv, trajectories_csv
+    from videogrammetry.export import format_table
 
-    if args.what == "trajectories":
-        text = trajectories_csv(project.measurement_path)
-    elif args.what == "motion":
-        text = motion_csv(project.measurement_path)
-    else:
-        stage = project.motion.reference_stage if args.stage is None else args.stage
-        text = points_csv(project.measurement_path, stage)
+    text = format_table(read_measurement(project.measurement_path), args.what, args.stage)
     write_text(args.file, text)
     print(f"wrote {args.file}: {text.count(chr(10)) - 1} rows", file=sys.stderr)
     return 0

@@ -12,6 +12,7 @@ import numpy as np
 from videogrammetry.cli.common import SubParsers, add_verb, text_table
 from videogrammetry.errors import TableError
 from videogrammetry.project import (
+    read_measurement,
     read_motion,
     read_observations,
     read_points,
@@ -105,19 +106,21 @@ def rig_info(path: Path) -> str:
 
 def measurement_info(path: Path) -> str:
     """Stages, points and what is known of them."""
-    from videogrammetry.export.measurement import open_measurement
-
-    with open_measurement(path) as file:
-        stage, points, time_s = file.stage, file.point, file.time_s
-        position = file.array("position_mm")
-        there = np.isfinite(position).all(axis=2)
-        held = ", ".join(file.names())
-    every = int(there.all(axis=0).sum())
-    times = f", {time_s[0]:g} to {time_s[-1]:g} s" if np.isfinite(time_s).all() else ""
+    measurement = read_measurement(path)
+    table = measurement.trajectories
+    there = np.isfinite(table.position_mm[..., 0])
+    times = ""
+    if measurement.frame_rate_hz is not None:
+        times = f", {table.time_s[0]:g} to {table.time_s[-1]:g} s"
+    origin = measurement.provenance
     return (
-        f"measurement: {len(stage)} stages ({stage.min()} to {stage.max()}{times}), "
-        f"{len(points)} points, {every} of them in every stage\n"
-        f"{int(there.sum())} positions of {there.size} possible\nholds: {held}\n"
+        f"measurement: {len(table.stage)} stages ({table.stage[0]} to {table.stage[-1]}{times}), "
+        f"cameras {', '.join(table.camera_names)}\n"
+        f"{there.shape[1]} points, {int(there.all(axis=0).sum())} of them in every stage; "
+        f"{int(there.sum())} positions of {there.size} possible; {len(measurement.targets)} "
+        f"targets seen\n"
+        f"made by: {origin.get('program', 'unknown')} {origin.get('version', '')} "
+        f"{origin.get('time_utc', '')}\n"
     )
 
 

@@ -6,9 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from videogrammetry.cli.common import SubParsers, add_force, add_verb
+import numpy as np
+
+from videogrammetry.cli.common import SubParsers, add_force, add_verb, text_table
 from videogrammetry.cli.progress import Progress
-from videogrammetry.project import read_project, refuse_overwrite
+from videogrammetry.matching import TARGET_STATUS
+from videogrammetry.project import read_project, refuse_overwrite, write_measurement
+from videogrammetry.types import Measurement
 
 
 def add_parser(verbs: SubParsers) -> None:
@@ -35,8 +39,42 @@ def run(args: argparse.Namespace) -> int:
 
     progress = Progress("measure", "stages")
     try:
-        measure_project(project, progress=progress)
+        measurement = measure_project(project, progress=progress)
     finally:
         progress.close()
+    write_measurement(project.measurement_path, measurement)
+    for warning in measurement.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    print(summary(measurement), end="")
     print(f"wrote {project.measurement_path}", file=sys.stderr)
     return 0
+
+
+def summary(measurement: Measurement) -> str:
+    """Table of the stages, and what became of the targets."""
+    table, targets = measurement.trajectories, measurement.targets
+    there = np.isfinite(table.position_mm[..., 0])
+    sigma = np.sqrt(table.cov_mm2[..., [0, 3, 5]].sum(axis=2))
+    rows = []
+    for s, stage in enumerate(table.stage.tolist()):
+        moved = measurement.motion.centroid_displacement_mm[s]
+        rows.append(
+            [
+                str(stage),
+                str(int((targets.stage == stage).sum())),
+                str(int(there[s].sum())),
+                f"{np.nanmedian(table.rms_px[s]):.4f}" if there[s].any() else "-",
+                f"{np.nanmedian(sigma[s]):.4f}" if there[s].any() else "-",
+                *(f"{v:.3f}" if np.isfinite(v) else "-" for v in moved),
+            ]
+        )
+    header = ["stage", "targets", "points", "RMS px", "sigma mm"]
+    header += ["centroid dx mm", "dy mm", "dz mm"]
+    counts = ", ".join(
+        f"{int((targets.match_status == code).sum())} {name}"
+        for code, name in enumerate(TARGET_STATUS)
+    )
+    everywhere = int(there.all(axis=0).sum())
+    return text_table(header, rows) + (
+        f"{there.shape[1]} points, {everywhere} of them in every stage; targets: {counts}\n"
+    )

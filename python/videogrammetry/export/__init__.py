@@ -1,5 +1,5 @@
-"""Export: a measurement in other programs' formats, one file a format."""
+"""Export: measurements in other programs' formats, one file a format."""
 
-from videogrammetry.export.csv_file import motion_csv, points_csv, trajectories_csv
+from videogrammetry.export.tables import TABLES, format_table
 
-__all__ = ["motion_csv", "points_csv", "trajectories_csv"]
+__all__ = ["TABLES", "format_table"]

@@ -10,14 +10,18 @@ from videogrammetry.geometry.camera import (
     rotation_from_vector,
     vector_from_rotation,
 )
+from videogrammetry.geometry.rig import CAMERA_PARAMETERS, full_covariance, rig_model
 
 __all__ = [
+    "CAMERA_PARAMETERS",
     "camera_model",
     "default_r0_px",
+    "full_covariance",
     "nearest_rotation",
     "project",
     "project_with_jacobians",
     "rays_through_pixels",
+    "rig_model",
     "rotation_from_vector",
     "vector_from_rotation",
 ]

@@ -6,6 +6,7 @@ the CSV tables, and what all writers share: atomic replacement and provenance.
 
 from videogrammetry.project.atomic import atomic_path, refuse_overwrite, write_bytes, write_text
 from videogrammetry.project.csv_table import format_csv, read_csv, write_csv
+from videogrammetry.project.measurement_file import read_measurement, write_measurement
 from videogrammetry.project.provenance import plain, provenance, sha256_of
 from videogrammetry.project.result_tables import (
     CENTROID,
@@ -62,6 +63,7 @@ __all__ = [
     "plain",
     "provenance",
     "read_csv",
+    "read_measurement",
     "read_motion",
     "read_observations",
     "read_points",
@@ -75,6 +77,7 @@ __all__ = [
     "target_table",
     "write_bytes",
     "write_csv",
+    "write_measurement",
     "write_observations",
     "write_points",
     "write_rig",

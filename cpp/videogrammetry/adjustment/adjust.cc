@@ -1,0 +1,154 @@
+#include "videogrammetry/adjustment/adjust.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "videogrammetry/adjustment/bundle.h"
+#include "videogrammetry/adjustment/snooping.h"
+#include "videogrammetry/core/errors.h"
+
+namespace videogrammetry {
+namespace {
+
+// While the values are only start values, an error of several pixels is
+// normal: this floor keeps the weights finite and Cauchy's loss out of its tail.
+constexpr double kStartFloorPx = 1.0;
+
+void SetFloors(Network* network, const std::vector<double>& floors) {
+  for (std::size_t c = 0; c < floors.size(); ++c) network->cameras[c].floor_px = floors[c];
+}
+
+std::vector<ObservationStatistics> PlainResiduals(const Network& network) {
+  std::vector<ObservationStatistics> all(network.observations.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const NetworkObservation& o = network.observations[i];
+    const NetworkImage& image = network.images[o.image];
+    const auto pixel = Project(network.cameras[image.camera].camera,
+                               network.CamFromObject(image) * network.points[o.point].position_mm);
+    if (!pixel) continue;
+    all[i].valid = true;
+    all[i].residual_px = o.xy_px - *pixel;
+  }
+  return all;
+}
+
+/// Cauchy's loss, first with a wide floor and only f and A1, then with all that is free.
+BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
+  BundleOptions bundle;
+  bundle.near_solution = false;
+  bundle.cauchy_scale = 3.0;
+  bundle.num_threads = options.num_threads;
+  std::vector<double> floors(network->cameras.size(), kStartFloorPx);
+  for (const NetworkCamera& c : network->cameras) {
+    floors[&c - network->cameras.data()] = std::max(kStartFloorPx, c.floor_px);
+  }
+  SetFloors(network, floors);
+  std::vector<std::array<bool, kNumInterior>> wanted;
+  for (NetworkCamera& c : network->cameras) {
+    wanted.push_back(c.free);
+    for (int k = 0; k < kNumInterior; ++k) c.free[k] = c.free[k] && (k == kF || k == kA1);
+  }
+  SolveBundle(network, bundle);
+  for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
+  BundleSummary summary = SolveBundle(network, bundle);
+  SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
+  bundle.near_solution = true;
+  summary = SolveBundle(network, bundle);
+  if (options.estimate_floor) {
+    SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
+  } else {
+    SetFloors(network, std::vector<double>(floors.size(), 0.0));
+  }
+  return summary;
+}
+
+bool FloorsMoved(const Network& network, const std::vector<double>& floors) {
+  for (std::size_t c = 0; c < floors.size(); ++c) {
+    const double was = network.cameras[c].floor_px;
+    if (std::abs(floors[c] - was) > 0.005 * std::max(floors[c], was)) return true;
+  }
+  return false;
+}
+
+/// One look at the present solution: weights, observations and parameters
+/// that must change. True if something did.
+bool Revise(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
+            std::vector<int>* rounds_out, AdjustResult* result) {
+  result->statistics = dispersion.Statistics();
+  bool changed = false;
+  if (options.estimate_floor) {
+    const std::vector<double> floors =
+        EstimateFloors(*network, result->statistics, options.critical_value);
+    changed = FloorsMoved(*network, floors);
+    if (changed) SetFloors(network, floors);
+  }
+  if (options.critical_value > 0) {
+    const SnoopingChange change =
+        SnoopOnce(network, result->statistics, options.critical_value, rounds_out);
+    changed |= change.rejected + change.readmitted > 0;
+  }
+  return changed;
+}
+
+double SigmaZero(const Dispersion& dispersion) {
+  return std::sqrt(dispersion.weighted_squares() / std::max(1, dispersion.redundancy()));
+}
+
+void CheckRedundancy(const Network& network, const Dispersion& dispersion) {
+  if (dispersion.redundancy() > 0) return;
+  throw AdjustmentError("too few observations: " + std::to_string(dispersion.num_observations()) +
+                        " image coordinates in " + std::to_string(network.images.size()) +
+                        " pictures for " + std::to_string(dispersion.index().num_unknowns()) +
+                        " unknowns");
+}
+
+bool TestParameters(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
+                    AdjustResult* result) {
+  const double sigma0 = SigmaZero(dispersion);
+  std::vector<DroppedParameter> dropped = HoldUndetermined(network, dispersion, sigma0);
+  if (dropped.empty() && options.significance > 0 && !options.offered.empty()) {
+    dropped = DropInsignificant(network, dispersion, options.offered, sigma0,
+                                options.significance);
+  }
+  result->dropped.insert(result->dropped.end(), dropped.begin(), dropped.end());
+  return !dropped.empty();
+}
+
+}  // namespace
+
+AdjustResult Adjust(Network* network, const AdjustOptions& options) {
+  AdjustResult result;
+  if (options.robust_start) RobustStart(network, options);
+  BundleOptions bundle;
+  bundle.num_threads = options.num_threads;
+  std::vector<int> rounds_out(network->observations.size(), 0);
+  for (std::size_t i = 0; i < rounds_out.size(); ++i) {
+    rounds_out[i] = network->observations[i].used ? 0 : 1;
+  }
+  for (int round = 1;; ++round) {
+    const BundleSummary summary = SolveBundle(network, bundle);
+    const Dispersion dispersion(*network);
+    CheckRedundancy(*network, dispersion);
+    result.rounds = round;
+    result.converged = summary.converged;
+    result.message = summary.message;
+    const bool changed =
+        round < options.max_rounds && (Revise(network, dispersion, options, &rounds_out, &result) ||
+                                       TestParameters(network, dispersion, options, &result));
+    if (changed) continue;
+    result.statistics = dispersion.Statistics();
+    result.cameras = CameraVariances(*network, result.statistics);
+    result.sigma0 = SigmaZero(dispersion);
+    result.num_observations = dispersion.num_observations();
+    result.num_prior = dispersion.num_prior();
+    result.num_unknowns = dispersion.index().num_unknowns();
+    result.redundancy = dispersion.redundancy();
+    result.point_redundancy = dispersion.point_redundancy();
+    if (result.point_redundancy > 1e-3) {
+      result.point_factor = dispersion.point_squares() / result.point_redundancy;
+    }
+    return result;
+  }
+}
+
+}  // namespace videogrammetry

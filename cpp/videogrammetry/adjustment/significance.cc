@@ -1,0 +1,112 @@
+#include "videogrammetry/adjustment/significance.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace videogrammetry {
+namespace {
+
+/// Linear estimates of the interior parameters and their covariance.
+struct Estimates {
+  Eigen::VectorXd value;  // minus the start value
+  Eigen::MatrixXd cov;
+  std::vector<int> camera, parameter;
+  std::vector<bool> out;
+};
+
+Estimates InteriorEstimates(const Network& network, const Dispersion& dispersion) {
+  std::vector<int> place;
+  Estimates e;
+  for (std::size_t c = 0; c < network.cameras.size(); ++c) {
+    for (int k = 0; k < kNumInterior; ++k) {
+      if (dispersion.index().interior[c][k] < 0) continue;
+      place.push_back(dispersion.index().interior[c][k]);
+      e.camera.push_back(static_cast<int>(c));
+      e.parameter.push_back(k);
+    }
+  }
+  const Eigen::Index n = static_cast<Eigen::Index>(place.size());
+  e.value.resize(n);
+  e.cov.resize(n, n);
+  e.out.assign(place.size(), false);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const NetworkCamera& camera = network.cameras[e.camera[i]];
+    e.value[i] = camera.camera.interior[e.parameter[i]] - camera.start[e.parameter[i]];
+    for (Eigen::Index j = 0; j < n; ++j) {
+      e.cov(i, j) = dispersion.cov_reduced()(place[i], place[j]);
+    }
+  }
+  return e;
+}
+
+bool HigherRadialStays(const Estimates& e, std::size_t i) {
+  if (e.parameter[i] != kA1 && e.parameter[i] != kA2) return false;
+  for (std::size_t j = 0; j < e.out.size(); ++j) {
+    if (!e.out[j] && e.camera[j] == e.camera[i] && e.parameter[j] > e.parameter[i] &&
+        e.parameter[j] <= kA3) {
+      return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
+std::vector<DroppedParameter> DropInsignificant(
+    Network* network, const Dispersion& dispersion,
+    const std::vector<std::array<bool, kNumInterior>>& offered, double sigma0,
+    double critical_value) {
+  Estimates e = InteriorEstimates(*network, dispersion);
+  std::vector<DroppedParameter> dropped;
+  while (true) {
+    std::size_t weakest = e.out.size();
+    double smallest = critical_value;
+    for (std::size_t i = 0; i < e.out.size(); ++i) {
+      const int k = e.parameter[i];
+      if (e.out[i] || k <= kY0 || !offered[e.camera[i]][k] || HigherRadialStays(e, i)) continue;
+      const double t = std::abs(e.value[i]) / (sigma0 * std::sqrt(e.cov(i, i)));
+      if (t < smallest) {
+        smallest = t;
+        weakest = i;
+      }
+    }
+    if (weakest == e.out.size()) break;
+    const Eigen::Index j = static_cast<Eigen::Index>(weakest);
+    dropped.push_back({e.camera[weakest], e.parameter[weakest], e.value[j],
+                       sigma0 * std::sqrt(e.cov(j, j)), false});
+    const Eigen::VectorXd q = e.cov.col(j);
+    const double q_jj = q[j];
+    e.value -= q * (e.value[j] / q_jj);
+    e.cov -= q * q.transpose() / q_jj;
+    e.out[weakest] = true;
+  }
+  for (std::size_t i = 0; i < e.out.size(); ++i) {
+    NetworkCamera& camera = network->cameras[e.camera[i]];
+    const int k = e.parameter[i];
+    if (e.out[i]) camera.free[k] = false;
+    camera.camera.interior[k] =
+        e.out[i] ? camera.start[k] : camera.start[k] + e.value[static_cast<Eigen::Index>(i)];
+  }
+  return dropped;
+}
+
+std::vector<DroppedParameter> HoldUndetermined(Network* network, const Dispersion& dispersion,
+                                               double sigma0) {
+  std::vector<DroppedParameter> held;
+  for (std::size_t c = 0; c < network->cameras.size(); ++c) {
+    NetworkCamera& camera = network->cameras[c];
+    for (const int k : {kF, kX0, kY0}) {
+      const int u = dispersion.index().interior[c][k];
+      if (u < 0) continue;
+      const double sigma = sigma0 * std::sqrt(dispersion.cov_reduced()(u, u));
+      const double side = std::max(camera.camera.width_px, camera.camera.height_px);
+      if (sigma <= (k == kF ? 0.1 * camera.camera.f_px() : 0.25 * side)) continue;
+      held.push_back({static_cast<int>(c), k, camera.camera.interior[k], sigma, true});
+      camera.free[k] = false;
+      camera.camera.interior[k] = camera.start[k];
+    }
+  }
+  return held;
+}
+
+}  // namespace videogrammetry

@@ -1,0 +1,43 @@
+#include "videogrammetry/adjustment/snooping.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace videogrammetry {
+namespace {
+
+double LargestW(const ObservationStatistics& s) { return s.normalised.cwiseAbs().maxCoeff(); }
+
+}  // namespace
+
+SnoopingChange SnoopOnce(Network* network, const std::vector<ObservationStatistics>& statistics,
+                         double critical_value, std::vector<int>* rounds_out) {
+  SnoopingChange change;
+  std::vector<std::size_t> suspects;
+  for (std::size_t i = 0; i < statistics.size(); ++i) {
+    NetworkObservation& o = network->observations[i];
+    const bool fits = statistics[i].valid && LargestW(statistics[i]) <= critical_value;
+    if (o.used && !fits) suspects.push_back(i);
+    if (!o.used && fits && (*rounds_out)[i] <= 1) {
+      o.used = true;
+      ++change.readmitted;
+    }
+  }
+  std::sort(suspects.begin(), suspects.end(), [&](std::size_t a, std::size_t b) {
+    const double wa = statistics[a].valid ? LargestW(statistics[a]) : HUGE_VAL;
+    const double wb = statistics[b].valid ? LargestW(statistics[b]) : HUGE_VAL;
+    return wa != wb ? wa > wb : a < b;
+  });
+  std::vector<bool> image_taken(network->images.size()), point_taken(network->points.size());
+  for (const std::size_t i : suspects) {
+    NetworkObservation& o = network->observations[i];
+    if (image_taken[o.image] || point_taken[o.point]) continue;
+    image_taken[o.image] = point_taken[o.point] = true;
+    o.used = false;
+    ++(*rounds_out)[i];
+    ++change.rejected;
+  }
+  return change;
+}
+
+}  // namespace videogrammetry

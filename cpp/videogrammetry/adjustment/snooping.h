@@ -1,0 +1,25 @@
+#pragma once
+
+#include <vector>
+
+#include "videogrammetry/adjustment/dispersion.h"
+
+namespace videogrammetry {
+
+/// One round's decisions of the data snooping.
+struct SnoopingChange {
+  int rejected = 0;
+  int readmitted = 0;
+};
+
+/// Data snooping (Baarda's w-test), one round: rejects image points whose |w|
+/// in a coordinate exceeds the critical value, the largest first and only one
+/// a picture and one an object point, because an outlier spoils its neighbours'
+/// residuals; re-admits rejected ones that fit again.
+///
+/// @param rounds_out  how often each observation has been rejected so far; one
+///     that was re-admitted and rejected again stays out. Size of `observations`.
+SnoopingChange SnoopOnce(Network* network, const std::vector<ObservationStatistics>& statistics,
+                         double critical_value, std::vector<int>* rounds_out);
+
+}  // namespace videogrammetry

@@ -1,0 +1,149 @@
+#include "videogrammetry/matching/surface.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace videogrammetry {
+namespace {
+
+constexpr double kShareOffSurface = 0.05;
+constexpr int kMinNeighbours = 5;  // an affine function has 3 unknowns; two to judge it
+constexpr int kReweightings = 5;
+
+struct Sample {
+  Eigen::Vector2d pixel;
+  double inverse_depth;
+  double variance;
+};
+
+struct Prediction {
+  double inverse_depth;
+  double sigma;
+};
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Affine fit by iteratively reweighted least squares (Tukey's biweight), so
+// that neighbours on another surface do not bend it.
+bool PredictInverseDepth(const std::vector<Sample>& samples, const Eigen::Vector2d& pixel,
+                         Prediction* prediction) {
+  const auto n = static_cast<Eigen::Index>(samples.size());
+  if (n < kMinNeighbours) return false;
+  double reach = 1.0, noise = 0.0;
+  for (const Sample& s : samples) {
+    reach = std::max(reach, (s.pixel - pixel).norm());
+    noise += s.variance / static_cast<double>(n);
+  }
+  Eigen::MatrixX3d design(n, 3);
+  Eigen::VectorXd value(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Sample& s = samples[static_cast<std::size_t>(i)];
+    design.row(i) << 1.0, (s.pixel - pixel).transpose() / reach;
+    value[i] = s.inverse_depth;
+  }
+  Eigen::VectorXd weight = Eigen::VectorXd::Ones(n);
+  Eigen::Vector3d solution = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d normal;
+  double scatter = 0;
+  for (int round = 0; round < kReweightings; ++round) {
+    normal = design.transpose() * weight.asDiagonal() * design;
+    const Eigen::LDLT<Eigen::Matrix3d> solver(normal);
+    if (solver.info() != Eigen::Success || !(solver.vectorD().minCoeff() > 1e-9 * n)) return false;
+    solution = solver.solve(design.transpose() * weight.asDiagonal() * value);
+    const Eigen::VectorXd residual = value - design * solution;
+    std::vector<double> sizes(residual.data(), residual.data() + n);
+    for (double& r : sizes) r = std::abs(r);
+    // MAD to sigma, widened for the three unknowns that the fit has spent.
+    scatter = 1.4826 * Median(sizes) * std::sqrt(static_cast<double>(n) / (n - 3.0));
+    const double limit = 4.685 * std::max(scatter, std::sqrt(noise));
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double u = residual[i] / limit;
+      weight[i] = std::abs(u) < 1 ? (1 - u * u) * (1 - u * u) : 0.0;
+    }
+  }
+  if (weight.sum() < 0.5 * static_cast<double>(n)) return false;
+  const double leverage = normal.inverse()(0, 0);
+  prediction->inverse_depth = solution[0];
+  prediction->sigma = std::sqrt((scatter * scatter + noise) * (1.0 + leverage));
+  return true;
+}
+
+double InverseDepth(const OrientedCamera& oriented, const Eigen::Vector3d& position) {
+  return 1.0 / (oriented.cam_from_world * position).z();
+}
+
+// Standard deviation of the inverse depth from the point's covariance.
+double InverseDepthVariance(const OrientedCamera& oriented, const Eigen::Vector3d& position,
+                            const Eigen::Matrix3d& cov) {
+  const Eigen::Vector3d axis = oriented.cam_from_world.rotation.row(2).transpose();
+  const double w = InverseDepth(oriented, position);
+  return w * w * w * w * axis.dot(cov * axis);
+}
+
+std::vector<Sample> Nearest(const OrientedCamera& oriented, const CameraTargets& targets,
+                            std::size_t camera, const std::vector<ReliablePoint>& reliable,
+                            const Candidate& candidate, int neighbours) {
+  const auto own = static_cast<std::size_t>(candidate.target[camera]);
+  const Eigen::Vector2d pixel = targets.xy_px[own];
+  std::vector<std::pair<double, const ReliablePoint*>> near;
+  for (const ReliablePoint& point : reliable) {
+    const int t = point.target[camera];
+    if (t < 0 || t == candidate.target[camera]) continue;
+    near.emplace_back((targets.xy_px[static_cast<std::size_t>(t)] - pixel).squaredNorm(), &point);
+  }
+  const std::size_t count = std::min(near.size(), static_cast<std::size_t>(neighbours));
+  std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(count), near.end());
+  std::vector<Sample> samples;
+  for (std::size_t i = 0; i < count; ++i) {
+    const ReliablePoint& point = *near[i].second;
+    samples.push_back({targets.xy_px[static_cast<std::size_t>(point.target[camera])],
+                       InverseDepth(oriented, point.position_mm),
+                       InverseDepthVariance(oriented, point.position_mm, point.cov_mm2)});
+  }
+  return samples;
+}
+
+}  // namespace
+
+void AddSurfaceEvidence(const Rig& rig, std::span<const CameraTargets> cameras,
+                        const std::vector<ReliablePoint>& reliable, int neighbours,
+                        std::vector<Candidate>* candidates) {
+  for (std::size_t c = 0; c < rig.size(); ++c) {
+    double low = 0, high = 0;
+    for (const Candidate& candidate : *candidates) {
+      if (candidate.target[c] < 0) continue;
+      const double w = InverseDepth(rig[c], candidate.point.position_mm);
+      low = low == 0 ? w : std::min(low, w);
+      high = std::max(high, w);
+    }
+    for (Candidate& candidate : *candidates) {
+      // Each candidate is judged in its first camera: the evidence is one.
+      const auto first = std::find_if(candidate.target.begin(), candidate.target.end(),
+                                      [](int t) { return t >= 0; });
+      if (first - candidate.target.begin() != static_cast<std::ptrdiff_t>(c)) continue;
+      candidate.score = candidate.geometric_score;
+      Prediction prediction;
+      if (!PredictInverseDepth(
+              Nearest(rig[c], cameras[c], c, reliable, candidate, neighbours),
+              cameras[c].xy_px[static_cast<std::size_t>(candidate.target[c])], &prediction)) {
+        continue;
+      }
+      const double sigma = std::hypot(
+          prediction.sigma, std::sqrt(InverseDepthVariance(rig[c], candidate.point.position_mm,
+                                                           candidate.point.cov_mm2)));
+      const double u =
+          (InverseDepth(rig[c], candidate.point.position_mm) - prediction.inverse_depth) / sigma;
+      const double density = std::exp(-0.5 * u * u) / (std::sqrt(2 * std::numbers::pi) * sigma);
+      candidate.score += std::log((1 - kShareOffSurface) * density * (high - low) +
+                                  kShareOffSurface);
+    }
+  }
+}
+
+}  // namespace videogrammetry

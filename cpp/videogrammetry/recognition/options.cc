@@ -1,0 +1,18 @@
+#include "videogrammetry/recognition/options.h"
+
+#include <stdexcept>
+
+namespace videogrammetry {
+
+void RecognitionOptions::Check() const {
+  const auto [smallest, largest] = diameter_px;
+  if (!(smallest >= 3.0) || !(largest > smallest) || !(largest <= 2000.0)) {
+    throw std::invalid_argument("diameter_px: expected 3 <= smallest < largest <= 2000, got (" +
+                                std::to_string(smallest) + ", " + std::to_string(largest) + ")");
+  }
+  if (method != "local-canny") {
+    throw std::invalid_argument("method: expected 'local-canny', got '" + method + "'");
+  }
+}
+
+}  // namespace videogrammetry

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <array>
+#include <string>
+
+namespace videogrammetry {
+
+/// Which way a code ring is read, as seen in the picture (y down).
+enum class ReadingDirection { kClockwise, kCounterClockwise };
+
+/// Grey values of a dot and of what surrounds it.
+enum class Polarity { kWhiteOnBlack, kBlackOnWhite };
+
+/// What to look for and how. Field for field the Python class
+/// videogrammetry.recognition.RecognitionOptions.
+struct RecognitionOptions {
+  /// Name of the code family: see code_family.h. "none": no ring is read.
+  std::string codes = "schneider-14";
+  ReadingDirection direction = ReadingDirection::kClockwise;
+  Polarity polarity = Polarity::kWhiteOnBlack;
+  /// Smallest minor and largest major axis of a dot, full lengths in pixels;
+  /// 3 <= min < max <= 2000.
+  std::array<double, 2> diameter_px = {5.0, 200.0};
+  /// "local-canny": the only method so far.
+  std::string method = "local-canny";
+
+  /// @throws std::invalid_argument naming the field, what was expected and what was given.
+  void Check() const;
+};
+
+}  // namespace videogrammetry

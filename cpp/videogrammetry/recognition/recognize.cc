@@ -1,0 +1,111 @@
+#include "videogrammetry/recognition/recognize.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <map>
+
+#include "videogrammetry/recognition/candidate_search.h"
+#include "videogrammetry/recognition/ellipse_fit.h"
+#include "videogrammetry/recognition/gradient_threshold.h"
+
+namespace videogrammetry {
+namespace {
+
+/// A reading this much better than another of the same ID is the true one.
+constexpr double kClearlyBetter = 0.25;
+
+bool SamePlace(const Ellipse& a, const Ellipse& b) {
+  const double reach = 0.5 * std::min(a.semi_minor_px, b.semi_minor_px);
+  return std::hypot(a.x_px - b.x_px, a.y_px - b.y_px) < reach;
+}
+
+/// Keeps the first of those found twice (at two grey levels).
+void AddUnlessKnown(const TargetEdge& edge, std::vector<Target>* targets) {
+  for (Target& known : *targets) {
+    if (!SamePlace(known.edge.ellipse, edge.ellipse)) continue;
+    if (edge.edge_rms_px < known.edge.edge_rms_px) known.edge = edge;
+    return;
+  }
+  targets->push_back({edge, {}});
+}
+
+bool HasRing(const Target& target) {
+  return target.ring.status == RingStatus::kCoded || target.ring.status == RingStatus::kMirrored ||
+         target.ring.status == RingStatus::kNotInTable ||
+         target.ring.status == RingStatus::kEdgesOff;
+}
+
+/// Leaves out what lies in another target's ring and is smaller than its dot.
+void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
+  std::vector<char> piece(targets->size(), 0);
+  for (const Target& owner : *targets) {
+    if (!HasRing(owner)) continue;
+    const EllipseFrame frame = EllipseFrame::From(owner.edge.ellipse);
+    const Eigen::Matrix2d inverse = frame.shape.inverse();
+    for (std::size_t i = 0; i < targets->size(); ++i) {
+      const Ellipse& e = (*targets)[i].edge.ellipse;
+      const double radius =
+          (inverse * (Eigen::Vector2d(e.x_px, e.y_px) - frame.center)).norm();
+      piece[i] |= radius > 1.0 && radius < family.ring_outer + 0.2 &&
+                  e.semi_minor_px < owner.edge.ellipse.semi_minor_px;
+    }
+  }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < targets->size(); ++i) {
+    if (!piece[i]) (*targets)[kept++] = (*targets)[i];
+  }
+  targets->resize(kept);
+}
+
+void ResolveDuplicates(std::vector<Target>* targets) {
+  std::map<int, std::vector<Target*>> places;
+  for (Target& target : *targets) {
+    if (target.ring.id) places[*target.ring.id].push_back(&target);
+  }
+  for (auto& [id, same] : places) {
+    if (same.size() < 2) continue;
+    std::sort(same.begin(), same.end(), [](const Target* a, const Target* b) {
+      return a->ring.quality > b->ring.quality;
+    });
+    const bool first_is_true =
+        same[0]->ring.quality > same[1]->ring.quality + kClearlyBetter;
+    for (std::size_t i = first_is_true ? 1 : 0; i < same.size(); ++i) {
+      same[i]->ring.id.reset();
+      same[i]->ring.status = RingStatus::kDuplicate;
+    }
+  }
+}
+
+}  // namespace
+
+template <typename T>
+std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
+                              const CodeFamily& family) {
+  options.Check();
+  family.Check();
+  const SignedImage<T> picture(image, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1);
+  const int threshold = GradientThreshold(MeasureGreyStatistics(image));
+  std::vector<Target> targets;
+  for (const Candidate& candidate : FindCandidates(picture, options, threshold)) {
+    if (const auto edge = MeasureTargetEdge(picture, candidate, options)) {
+      AddUnlessKnown(*edge, &targets);
+    }
+  }
+  if (family.num_bits > 0) {
+    for (Target& target : targets) {
+      target.ring = ReadRing(picture, target.edge, family, options.direction);
+    }
+    RemoveRingPieces(family, &targets);
+    ResolveDuplicates(&targets);
+  }
+  return targets;
+}
+
+template std::vector<Target> Recognize(const ImageView<std::uint8_t>&, const RecognitionOptions&,
+                                       const CodeFamily&);
+template std::vector<Target> Recognize(const ImageView<std::uint16_t>&, const RecognitionOptions&,
+                                       const CodeFamily&);
+
+}  // namespace videogrammetry

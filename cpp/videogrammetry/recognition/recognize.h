@@ -1,0 +1,34 @@
+#pragma once
+
+#include <vector>
+
+#include "videogrammetry/core/image_view.h"
+#include "videogrammetry/recognition/code_family.h"
+#include "videogrammetry/recognition/options.h"
+#include "videogrammetry/recognition/ring_code.h"
+#include "videogrammetry/recognition/target_edge.h"
+
+namespace videogrammetry {
+
+/// A target found in a picture.
+struct Target {
+  TargetEdge edge;
+  RingReading ring;
+};
+
+/// Recognises the targets of one picture by the local Canny of the paper.
+///
+/// search (gradient_threshold.h, candidate_search.h) -> edge (local_canny.h,
+/// edge_points.h) -> ellipse (ellipse_fit.h, target_edge.h) -> ring
+/// (ring_code.h). A target that lies inside another one's ring is a piece of
+/// that ring and left out; an ID that stands at several places is taken from
+/// all of them unless one agrees far better.
+///
+/// @param family  the codes; options.codes is not looked at.
+/// @return targets in the order of the rows, then of the columns, of their first chord.
+/// @throws std::invalid_argument if the options or the family are not valid.
+template <typename T>
+std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
+                              const CodeFamily& family);
+
+}  // namespace videogrammetry

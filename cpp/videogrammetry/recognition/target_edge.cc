@@ -1,0 +1,254 @@
+#include "videogrammetry/recognition/target_edge.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+#include "videogrammetry/recognition/edge_points.h"
+#include "videogrammetry/recognition/edge_profile.h"
+#include "videogrammetry/recognition/ellipse_fit.h"
+#include "videogrammetry/recognition/local_canny.h"
+
+namespace videogrammetry {
+namespace {
+
+using Vector5d = Eigen::Matrix<double, 5, 1>;
+using Matrix5d = Eigen::Matrix<double, 5, 5>;
+
+/// Length of contour that holds one independent observation: profiles of white
+/// pixel noise interpolated bilinearly are correlated over this distance.
+constexpr double kCorrelationPx = 1.5;
+constexpr double kBandPx = 2.5;
+constexpr int kMaxIterations = 4;
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Largest gap between the points' directions from the centre, on the circle
+/// that the ellipse is the picture of, as a length along a circle of the
+/// ellipse's mean radius.
+double LargestGapPx(const Ellipse& e, const Points2d& points, const Eigen::ArrayXi& inliers) {
+  const double c = std::cos(e.angle_rad), s = std::sin(e.angle_rad);
+  std::vector<double> angles;
+  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+    if (inliers[i] == 0) continue;
+    const double dx = points(i, 0) - e.x_px, dy = points(i, 1) - e.y_px;
+    angles.push_back(
+        std::atan2((-s * dx + c * dy) / e.semi_minor_px, (c * dx + s * dy) / e.semi_major_px));
+  }
+  if (angles.size() < 3) return 1e9;
+  std::sort(angles.begin(), angles.end());
+  double gap = angles.front() + 2 * std::numbers::pi - angles.back();
+  for (std::size_t i = 1; i < angles.size(); ++i) gap = std::max(gap, angles[i] - angles[i - 1]);
+  return gap * 0.5 * (e.semi_major_px + e.semi_minor_px);
+}
+
+/// Steps 3 to 5 of the local Canny as the paper has them.
+template <typename T>
+std::optional<Ellipse> EllipseFromCanny(const SignedImage<T>& image, const Ellipse& start) {
+  const auto edges = LocalCanny(image, start, kBandPx);
+  const Points2d points = MeanGradientPoints(image, edges);
+  if (points.rows() < 8) return std::nullopt;
+  Eigen::ArrayXi inliers;
+  const auto ellipse = FitEllipseRobust(points, &inliers);
+  if (!ellipse || inliers.sum() < 0.7 * static_cast<double>(points.rows())) return std::nullopt;
+  const double allowed = std::max(3.5, 0.12 * 2 * std::numbers::pi * ellipse->semi_minor_px);
+  if (LargestGapPx(*ellipse, points, inliers) > allowed) return std::nullopt;
+  return ellipse;
+}
+
+/// The orthogonal-distance fit in its current state.
+struct Refinement {
+  EllipseFrame frame;
+  EdgeProfiles profiles;
+  EdgeLevels levels;
+  Eigen::ArrayXd residuals;  ///< of every profile, after the last step
+  std::vector<char> used;
+  Matrix5d normal = Matrix5d::Zero();  ///< J^T W J
+};
+
+void SelectProfiles(Refinement* r) {
+  const auto n = static_cast<std::size_t>(r->profiles.count());
+  std::vector<double> sizes(n);
+  const double middle = Median({r->residuals.begin(), r->residuals.end()});
+  for (std::size_t i = 0; i < n; ++i) {
+    sizes[i] = std::abs(r->residuals[static_cast<Eigen::Index>(i)] - middle);
+  }
+  const double limit = std::max(0.25, 3.5 * 1.4826 * Median(sizes));
+  for (std::size_t i = 0; i < n; ++i) r->used[i] = sizes[i] <= limit;
+}
+
+/// One Gauss-Newton step; returns its length in pixels or nullopt.
+std::optional<double> Step(Refinement* r) {
+  const int n = r->profiles.count();
+  r->normal.setZero();
+  Vector5d right = Vector5d::Zero();
+  std::vector<Eigen::Matrix<double, 1, 5>> rows(static_cast<std::size_t>(n));
+  for (int i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    rows[k] = r->frame.NormalJacobian(r->profiles.u[k]);
+    if (!r->used[k]) continue;
+    const double weight = r->profiles.weight[k];
+    r->normal += weight * rows[k].transpose() * rows[k];
+    right += weight * rows[k].transpose() * r->residuals[i];
+  }
+  const Eigen::LDLT<Matrix5d> solver(r->normal);
+  if (solver.info() != Eigen::Success || !solver.isPositive()) return std::nullopt;
+  const Vector5d step = solver.solve(right);
+  const auto moved = r->frame.Moved(step);
+  if (!moved || step.norm() > 3.0) return std::nullopt;
+  r->frame = *moved;
+  for (int i = 0; i < n; ++i) r->residuals[i] -= rows[static_cast<std::size_t>(i)] * step;
+  return step.norm();
+}
+
+template <typename T>
+std::optional<Refinement> Refine(const SignedImage<T>& image, const Ellipse& start,
+                                 const RecognitionOptions& options) {
+  Refinement r;
+  r.frame = EllipseFrame::From(start);
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+    const Ellipse now = r.frame.ToEllipse();
+    if (!(now.semi_minor_px > 0.4 * options.diameter_px[0]) ||
+        !(now.semi_major_px < 0.6 * options.diameter_px[1]) ||
+        !image.Covers(now.x_px, now.y_px)) {
+      return std::nullopt;
+    }
+    r.profiles = SampleProfiles(image, r.frame);
+    auto levels = MeasureLevels(r.profiles);
+    if (!levels) return std::nullopt;
+    r.levels = std::move(*levels);
+    r.residuals = EdgeOffsets(r.profiles, r.levels);
+    r.used.assign(static_cast<std::size_t>(r.profiles.count()), 1);
+    SelectProfiles(&r);
+    const auto length = Step(&r);
+    if (!length) return std::nullopt;
+    if (*length < 0.02) break;  // the next step would be of second order in it
+  }
+  return r;
+}
+
+/// Longest run of profiles that are left out or lack contrast, as a fraction of all.
+double WorstRun(const Refinement& r) {
+  const int n = r.profiles.count();
+  const auto fails = [&](int i) {
+    // Means of three neighbours: noise alone must not fail a profile.
+    float contrast = 0;
+    for (int k = n - 1; k <= n + 1; ++k) {
+      const int j = (i + k) % n;
+      contrast += r.profiles.grey(j, r.levels.inner) - r.profiles.grey(j, r.levels.outer);
+    }
+    const float expected = (r.levels.inside - r.levels.outside).mean();
+    return !r.used[static_cast<std::size_t>(i)] || contrast / 3 < 0.4f * expected;
+  };
+  int run = 0, worst = 0;
+  for (int i = 0; i < 2 * n; ++i) {
+    run = fails(i % n) ? run + 1 : 0;
+    worst = std::max(worst, run);
+  }
+  return std::min(1.0, static_cast<double>(worst) / n);
+}
+
+/// Amplitude of the k-th harmonic of the residuals along the contour.
+double Harmonic(const Refinement& r, int k) {
+  std::complex<double> sum = 0;
+  double total = 0;
+  for (int i = 0; i < r.profiles.count(); ++i) {
+    const auto& u = r.profiles.u[static_cast<std::size_t>(i)];
+    const double w = r.used[static_cast<std::size_t>(i)] ? 1.0 : 0.0;
+    sum += w * r.residuals[i] * std::pow(std::complex<double>(u.x(), u.y()), k);
+    total += w;
+  }
+  return total > 0 ? 2.0 * std::abs(sum) / total : 1e9;
+}
+
+/// Sum of weighted squares and weight of the profiles used.
+struct ResidualSum {
+  double squares = 0.0, weight = 0.0;
+  int used = 0;
+};
+
+ResidualSum SumResiduals(const Refinement& r) {
+  ResidualSum sum;
+  for (int i = 0; i < r.profiles.count(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    if (!r.used[k]) continue;
+    sum.squares += r.profiles.weight[k] * r.residuals[i] * r.residuals[i];
+    sum.weight += r.profiles.weight[k];
+    ++sum.used;
+  }
+  return sum;
+}
+
+/// Whether this is a dot; see MeasureTargetEdge, 3.
+bool IsDot(const Refinement& r, const Ellipse& e, double rms, double independent) {
+  if (WorstRun(r) > 0.08) return false;
+  if (r.levels.width_px > 0.45 * e.semi_minor_px + 0.3) return false;
+  // A square's residuals are 0.07 of its radius in the 4th harmonic, a
+  // triangle's more in the 3rd; what noise alone makes is allowed for.
+  const double noise = rms * std::sqrt(2.0 / std::max(4.0, independent));
+  const double allowed = 0.02 * e.semi_minor_px + 0.02 + 3.0 * noise;
+  if (Harmonic(r, 3) > allowed || Harmonic(r, 4) > allowed) return false;
+  return rms < 0.15 + 0.02 * e.semi_minor_px;
+}
+
+TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& sum,
+                     double independent) {
+  TargetEdge edge;
+  edge.ellipse = e;
+  edge.edge_rms_px = std::sqrt(sum.squares / sum.weight);
+  edge.inside = r.levels.inside.mean();
+  edge.outside = r.levels.outside.mean();
+  edge.width_px = r.levels.width_px;
+  // The residuals' mean square lacks the part that the five parameters took.
+  const double variance =
+      sum.squares / sum.weight * independent / std::max(1.0, independent - 5.0);
+  const Matrix5d inverse = r.normal.ldlt().solve(Matrix5d::Identity());
+  const Matrix5d jacobian = r.frame.EllipseJacobian();
+  const double spread = sum.weight / independent;
+  edge.cov = variance * spread * jacobian * inverse * jacobian.transpose();
+  // A direction is never known worse than not at all.
+  const double most = std::numbers::pi / std::sqrt(12.0);
+  const double sigma = std::sqrt(edge.cov(4, 4));
+  if (sigma > most) {
+    edge.cov.row(4) *= most / sigma;
+    edge.cov.col(4) *= most / sigma;
+  }
+  return edge;
+}
+
+}  // namespace
+
+template <typename T>
+std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
+                                            const Candidate& candidate,
+                                            const RecognitionOptions& options) {
+  const auto start = EllipseFromCanny(image, candidate.ellipse);
+  if (!start) return std::nullopt;
+  const auto refined = Refine(image, *start, options);
+  if (!refined) return std::nullopt;
+  const Ellipse e = refined->frame.ToEllipse();
+  if (2 * e.semi_minor_px < options.diameter_px[0] || 2 * e.semi_major_px > options.diameter_px[1]) {
+    return std::nullopt;
+  }
+  const ResidualSum sum = SumResiduals(*refined);
+  if (sum.used < 0.85 * refined->profiles.count()) return std::nullopt;
+  const double independent = std::min<double>(
+      sum.used, refined->profiles.perimeter_px / kCorrelationPx * sum.used / refined->profiles.count());
+  if (!IsDot(*refined, e, std::sqrt(sum.squares / sum.weight), independent)) return std::nullopt;
+  return Summarise(*refined, e, sum, independent);
+}
+
+template std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<std::uint8_t>&,
+                                                     const Candidate&, const RecognitionOptions&);
+template std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<std::uint16_t>&,
+                                                     const Candidate&, const RecognitionOptions&);
+
+}  // namespace videogrammetry

@@ -1,0 +1,141 @@
+"""The network of a calibration: cameras, poses, pictures, observations, and its book-keeping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from videogrammetry.adjustment import Adjustment, Network
+from videogrammetry.calibration.linking import Rigid
+from videogrammetry.calibration.pictures import Picture
+from videogrammetry.calibration.run import CameraFrames, Rejection
+from videogrammetry.calibration.start import CameraStart
+from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet
+
+#: What may be dropped when a camera's free parameters are not chosen.
+DISTORTION_NAMES = INTERIOR_NAMES[3:]
+POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz")
+
+
+def offered_names(camera: CameraFrames) -> tuple[str, ...]:
+    """Interior parameters that are estimated at first."""
+    return INTERIOR_NAMES if camera.free is None else tuple(camera.free)
+
+
+@dataclass
+class Bundle:
+    """A network with the pictures behind it.
+
+    ``camera_of``: the project's camera of each of the network's; ``pictures``:
+    one a network image; ``stage_pose``: network pose of a stage (joint) or of a
+    picture (mean); ``rows``: network observations of each picture.
+    """
+
+    network: Network
+    camera_of: list[int]
+    outer: list[int]
+    pictures: list[Picture] = field(default_factory=list)
+    stage_pose: dict[int, int] = field(default_factory=dict)
+
+    def set_observations(self, used: FloatArray | None = None) -> None:
+        """Hand the pictures' points to the network (again)."""
+        image = np.concatenate([np.full(len(p), i) for i, p in enumerate(self.pictures)])
+        self.network.set_observations(
+            image,
+            np.concatenate([p.point for p in self.pictures]),
+            np.concatenate([p.xy_px for p in self.pictures]),
+            np.concatenate([p.cov_px2 for p in self.pictures]),
+            used,
+        )
+
+    @property
+    def image_of(self) -> FloatArray:
+        """(M,) picture of every observation."""
+        return np.concatenate([np.full(len(p), i, np.int32) for i, p in enumerate(self.pictures)])
+
+    @property
+    def point_of(self) -> FloatArray:
+        """(M,) row of the target of every observation."""
+        return np.concatenate([p.point for p in self.pictures])
+
+
+def joint_bundle(
+    cameras: Sequence[CameraFrames],
+    starts: Sequence[CameraStart],
+    pictures: Sequence[Picture],
+    cam_from_rig: Sequence[Rigid],
+    rig_from_target: Mapping[int, Rigid],
+    target: PointSet,
+    target_cov: FloatArray,
+) -> Bundle:
+    """One pose a stage, one constant relative pose a camera, target coordinates observed."""
+    network = Network()
+    bundle = Bundle(network=network, camera_of=list(range(len(cameras))), outer=[])
+    for index, (camera, start) in enumerate(zip(cameras, starts, strict=True)):
+        network.add_camera(
+            camera.name, start.model, free=offered_names(camera), start=start.held
+        )
+        # The reference's pose is the frame itself.
+        bundle.outer.append(
+            network.add_pose(camera.name, *cam_from_rig[index], free=index > 0)
+        )
+    for stage, pose in sorted(rig_from_target.items()):
+        bundle.stage_pose[stage] = network.add_pose(f"stage {stage}", *pose)
+    for picture in pictures:
+        if picture.stage not in starts[picture.camera].poses:
+            continue
+        outer = bundle.outer[picture.camera] if picture.camera > 0 else -1
+        network.add_image(
+            picture.image, picture.camera, outer=outer, inner=bundle.stage_pose[picture.stage]
+        )
+        bundle.pictures.append(picture)
+    network.set_points(target.id, target.position_mm, target_cov)
+    bundle.set_observations()
+    return bundle
+
+
+def offered(cameras: Sequence[CameraFrames]) -> list[Sequence[str]]:
+    """Per camera, what the significance test may drop."""
+    return [DISTORTION_NAMES if camera.free is None else () for camera in cameras]
+
+
+def observation_rejections(
+    bundle: Bundle, adjustment: Adjustment, names: Sequence[str], target: PointSet
+) -> list[Rejection]:
+    """A line for every observation that the data snooping left out."""
+    rejected = []
+    images, points = bundle.image_of, bundle.point_of
+    for i in np.flatnonzero(~adjustment.used):
+        picture = bundle.pictures[images[i]]
+        residual = float(np.hypot(*adjustment.residual_px[i]))
+        w = float(np.abs(adjustment.normalised[i]).max())
+        rejected.append(
+            Rejection(
+                kind="observation", camera=names[picture.camera], image=picture.image,
+                point_id=int(target.id[points[i]]), value=w,
+                reason=f"normalised residual {w:.1f} ({residual:.2f} px)",
+            )  # fmt: skip
+        )
+    return sorted(rejected, key=lambda r: -r.value)
+
+
+def dropped_rejections(
+    adjustment: Adjustment, camera_of: Sequence[int], names: Sequence[str]
+) -> list[Rejection]:
+    """A line for every interior parameter that is not estimated."""
+    rejected = []
+    for d in adjustment.dropped:
+        ratio = abs(d.value) / d.sigma if d.sigma > 0 else np.inf
+        reason = (
+            f"{d.name} is not determined by the pictures (sigma {d.sigma:.3g}); held at its start"
+            if d.undetermined
+            else f"{d.name} = {d.value:.3g} is {ratio:.1f} times its standard deviation: "
+            "not significant"
+        )
+        rejected.append(
+            Rejection(kind="parameter", camera=names[camera_of[d.camera]], image="",
+                      point_id=None, value=float(ratio), reason=reason)
+        )
+    return rejected

@@ -1,0 +1,193 @@
+"""Relative poses of the cameras and poses of the stages: the rig's start values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from videogrammetry.adjustment import PoseCandidate
+from videogrammetry.calibration.pictures import Picture
+from videogrammetry.calibration.start import CameraStart
+from videogrammetry.errors import CalibrationError
+from videogrammetry.geometry import nearest_rotation, project
+from videogrammetry.types import FloatArray, PointSet
+
+#: Relative poses of one pair of cameras that differ by more belong to a wrong
+#: candidate of a stage; a resection in a narrow field scatters by less.
+SAME_RAD = 0.1
+
+Rigid = tuple[FloatArray, FloatArray]
+
+
+def compose(a: Rigid, b: Rigid) -> Rigid:
+    """a_from_c of a_from_b and b_from_c."""
+    return a[0] @ b[0], a[0] @ b[1] + a[1]
+
+
+def invert(a: Rigid) -> Rigid:
+    """b_from_a of a_from_b."""
+    return a[0].T, -a[0].T @ a[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigStart:
+    """Start values of the rig.
+
+    ``cam_from_rig`` per camera (the reference's is the identity),
+    ``rig_from_target`` per stage; ``doubtful``: stages whose mirrored pose fits
+    nearly as well, with that pose.
+    """
+
+    cam_from_rig: list[Rigid]
+    rig_from_target: dict[int, Rigid]
+    doubtful: dict[int, Rigid]
+
+
+def link_cameras(
+    names: Sequence[str],
+    starts: Sequence[CameraStart],
+    pictures: Sequence[Picture],
+    target: PointSet,
+) -> RigStart:
+    """Tie all cameras to the first one through the stages they share.
+
+    The pair with the most shared stages goes first (a maximum spanning tree).
+    Of each picture's one or two pose candidates those are taken that make the
+    relative pose constant; the stage's pose is the one that fits all cameras.
+
+    Raises
+    ------
+    CalibrationError : a camera that no chain of shared stages ties to the first.
+    """
+    cam_from_rig: list[Rigid | None] = [None] * len(starts)
+    cam_from_rig[0] = (np.eye(3), np.zeros(3))
+    stages = [set(start.poses) for start in starts]
+    while any(pose is None for pose in cam_from_rig):
+        shared, placed, loose = max(
+            (len(stages[p] & stages[c]), -p, -c)
+            for p, c in product(range(len(starts)), repeat=2)
+            if cam_from_rig[p] is not None and cam_from_rig[c] is None
+        )
+        if shared == 0:
+            _raise_unlinked(names, starts, [pose is not None for pose in cam_from_rig])
+        p, c = -placed, -loose
+        base = cam_from_rig[p]
+        assert base is not None
+        cam_from_rig[c] = compose(_relative_pose(starts[c], starts[p]), base)
+    cams = [pose for pose in cam_from_rig if pose is not None]
+    rig_from_target: dict[int, Rigid] = {}
+    doubtful: dict[int, Rigid] = {}
+    for stage in sorted(set().union(*stages)):
+        best, twin = _stage_pose(stage, starts, cams, pictures, target)
+        rig_from_target[stage] = best
+        if twin is not None:
+            doubtful[stage] = twin
+    return RigStart(cam_from_rig=cams, rig_from_target=rig_from_target, doubtful=doubtful)
+
+
+def _raise_unlinked(
+    names: Sequence[str], starts: Sequence[CameraStart], placed: Sequence[bool]
+) -> None:
+    inside = [n for n, is_in in zip(names, placed, strict=True) if is_in]
+    outside = [n for n, is_in in zip(names, placed, strict=True) if not is_in]
+    camera = names.index(outside[0])
+    own = sorted(starts[camera].poses)
+    theirs = sorted(
+        set().union(*(starts[i].poses for i, is_in in enumerate(placed) if is_in))
+    )
+    nearest = min(((abs(a - b), a, b) for a in own for b in theirs), default=None)
+    hint = f" (its stage {nearest[1]}, theirs {nearest[2]} is the nearest)" if nearest else ""
+    raise CalibrationError(
+        f"camera {', '.join(outside)} cannot be tied to {', '.join(inside)}: there is no stage at "
+        f"which both see at least four points of the target{hint}. Camera {outside[0]} has usable "
+        f"pictures of stages {_ranges(own)}, the others of {_ranges(theirs)}. Take at least one "
+        "more synchronous position of the target in which both sides see it, or check that equal "
+        "stages of the sequences are synchronous"
+    )
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """1, 2, 3, 7 as "1-3, 7"."""
+    parts: list[list[int]] = []
+    for n in numbers:
+        if parts and n == parts[-1][-1] + 1:
+            parts[-1][-1:] = [parts[-1][-1], n] if len(parts[-1]) == 1 else [n]
+        else:
+            parts.append([n])
+    return ", ".join("-".join(map(str, p)) for p in parts) or "none"
+
+
+def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles between rotations (..., 3, 3), broadcast."""
+    # |A - B|_F = 2 sqrt(2) sin(angle / 2)
+    norm = np.sqrt(np.sum((a - b) ** 2, axis=(-2, -1)))
+    result: FloatArray = 2.0 * np.arcsin(np.clip(norm / np.sqrt(8.0), 0.0, 1.0))
+    return result
+
+
+def _relative_pose(camera: CameraStart, other: CameraStart) -> Rigid:
+    """camera_from_other: consensus over the shared stages and their candidates."""
+    rotations, shifts, stage_of, excess = [], [], [], []
+    for stage in sorted(set(camera.poses) & set(other.poses)):
+        for a, b in product(camera.poses[stage], other.poses[stage]):
+            rotation, shift = compose(
+                (a.rotation, a.translation_mm), invert((b.rotation, b.translation_mm))
+            )
+            rotations.append(rotation)
+            shifts.append(shift)
+            stage_of.append(stage)
+            excess.append(_excess(a, camera.poses[stage]) + _excess(b, other.poses[stage]))
+    rotation_array, shift_array = np.array(rotations), np.array(shifts)
+    stage_array, excess_array = np.array(stage_of), np.array(excess)
+    angle = _angle(rotation_array[:, None], rotation_array[None])
+    score = np.minimum(angle / SAME_RAD, 1.0) + excess_array[None]
+    total = sum(score[:, stage_array == s].min(axis=1) for s in np.unique(stage_array))
+    best = int(np.argmin(np.asarray(total) + excess_array))
+    near = angle[best] < SAME_RAD
+    rotation = nearest_rotation(rotation_array[near].sum(axis=0))
+    return rotation, np.median(shift_array[near], axis=0)
+
+
+def _excess(candidate: PoseCandidate, all_of_picture: Sequence[PoseCandidate]) -> float:
+    """0 for a picture's best candidate, towards 1 the worse another one fits."""
+    best = min(c.cost_px2 for c in all_of_picture)
+    return float(1.0 - (best + 0.01) / (candidate.cost_px2 + 0.01))
+
+
+def _stage_pose(
+    stage: int,
+    starts: Sequence[CameraStart],
+    cams: Sequence[Rigid],
+    pictures: Sequence[Picture],
+    target: PointSet,
+) -> tuple[Rigid, Rigid | None]:
+    """The stage's pose that fits its pictures best, and its twin if that fits nearly as well."""
+    seen = [p for p in pictures if p.stage == stage and stage in starts[p.camera].poses]
+    seen = sorted(seen, key=len, reverse=True)[:8]
+    trials: list[tuple[float, Rigid]] = []
+    for picture in seen[:4]:
+        for candidate in starts[picture.camera].poses[stage]:
+            pose = compose(
+                invert(cams[picture.camera]), (candidate.rotation, candidate.translation_mm)
+            )
+            costs = [
+                _cost(starts[q.camera], compose(cams[q.camera], pose), q, target) for q in seen
+            ]
+            trials.append((float(np.mean(costs)), pose))
+    trials.sort(key=lambda trial: trial[0])
+    best_cost, best = trials[0]
+    for cost, pose in trials[1:]:
+        if float(_angle(pose[0], best[0])) > SAME_RAD / 3 and cost < 4.0 * best_cost:
+            return best, pose
+    return best, None
+
+
+def _cost(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> float:
+    in_cam = target.position_mm[picture.point] @ pose[0].T + pose[1]
+    square = np.sum((project(start.model, in_cam) - picture.xy_px) ** 2, axis=1)
+    # Relative poses are still rough: a gate ten times a resection's.
+    limit = (10.0 * start.gate_px) ** 2
+    return float(np.minimum(np.nan_to_num(square, nan=limit), limit).mean())

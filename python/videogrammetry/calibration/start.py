@@ -1,0 +1,224 @@
+"""Start values of one camera: principal distance, first distortion, a pose a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from videogrammetry.adjustment import (
+    AdjustOptions,
+    Network,
+    PoseCandidate,
+    principal_extents,
+    resect,
+    search_focal,
+)
+from videogrammetry.calibration.pictures import MIN_POINTS, Picture
+from videogrammetry.calibration.run import CameraFrames, Rejection, check_free
+from videogrammetry.errors import CalibrationError
+from videogrammetry.geometry import camera_model, default_r0_px
+from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet, RigCamera
+
+#: Pictures that the search for f looks at: enough to vote down a bad one.
+MAX_SEARCH_PICTURES = 6
+#: Share of the picture's diagonal beyond which a point counts as a wrong number
+#: while lens distortion is not yet modelled.
+START_GATE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraStart:
+    """A camera's start values.
+
+    ``model`` with pose identity; ``poses``: stage -> one or two candidates,
+    the better first; ``held``: interior values of the parameters not estimated.
+    """
+
+    model: RigCamera
+    held: FloatArray
+    f_given: bool
+    poses: dict[int, list[PoseCandidate]]
+    gate_px: float
+    rejected: tuple[Rejection, ...]
+
+
+def start_interior(camera: CameraFrames) -> FloatArray:
+    """The ten parameters that ``camera.start`` gives (``f_px``, ``x0_px``, ``A1``...), else 0."""
+    interior = np.zeros(len(INTERIOR_NAMES))
+    for key, value in camera.start.items():
+        name = key.removesuffix("_px")
+        if name in INTERIOR_NAMES:
+            interior[INTERIOR_NAMES.index(name)] = float(value)
+        elif name != "r0":
+            raise ValueError(
+                f"camera {camera.name}: unknown start value {key!r}; known: "
+                f"f_px, x0_px, y0_px, {', '.join(INTERIOR_NAMES[3:])}, r0_px"
+            )
+    return interior
+
+
+def start_camera(
+    camera: CameraFrames, pictures: Sequence[Picture], target: PointSet
+) -> CameraStart:
+    """Start values of one camera from its pictures alone.
+
+    Raises
+    ------
+    CalibrationError : no picture with enough points, or none that fits.
+    """
+    if camera.free is not None:
+        check_free(camera.free, f"camera {camera.name}: free")
+    rejected: list[Rejection] = []
+    usable = [p for p in pictures if _enough(p, target, camera.name, rejected)]
+    if not usable:
+        raise CalibrationError(
+            f"camera {camera.name}: none of its {len(pictures)} pictures shows {MIN_POINTS} known "
+            f"points of the target (the most: {max((len(p) for p in pictures), default=0)}); "
+            "check that its pictures show the target and that the codes are read"
+        )
+    width, height = camera.image_size_px
+    gate_px = START_GATE * float(np.hypot(width, height))
+    interior = start_interior(camera)
+    r0_px = camera.r0_px or float(camera.start.get("r0_px", default_r0_px(camera.image_size_px)))
+    model = RigCamera(
+        image_size_px=camera.image_size_px, interior=interior, r0_px=r0_px,
+        rotation=np.eye(3), translation_mm=np.zeros(3),
+    )  # fmt: skip
+    f_given = interior[0] > 0
+    model, poses = _first_poses(camera.name, model, usable, target, gate_px, f_given)
+    held = model.interior.copy()
+    free = INTERIOR_NAMES if camera.free is None else camera.free
+    model = _refine(model, usable, poses, target, [n for n in ("f", "A1") if n in free])
+    poses = _resect_all(model, usable, target, gate_px)
+    for picture in usable:
+        if picture.stage not in poses:
+            rejected.append(
+                Rejection(
+                    kind="image", camera=camera.name, image=picture.image, point_id=None,
+                    value=float(len(picture)),
+                    reason=f"no pose fits {MIN_POINTS} of its {len(picture)} points within "
+                    f"{gate_px:.1f} px: wrong numbers or another target",
+                )  # fmt: skip
+            )
+    if not poses:
+        raise CalibrationError(
+            f"camera {camera.name}: no picture's points fit the target within {gate_px:.1f} px; "
+            "the target's coordinates, the code family or the start value of f is wrong"
+        )
+    return CameraStart(
+        model=model, held=held, f_given=f_given, poses=poses, gate_px=gate_px,
+        rejected=tuple(rejected),
+    )  # fmt: skip
+
+
+def _enough(picture: Picture, target: PointSet, name: str, rejected: list[Rejection]) -> bool:
+    reason = ""
+    if len(picture) < MIN_POINTS:
+        reason = f"only {len(picture)} known points; a pose needs {MIN_POINTS}"
+    elif principal_extents(target.position_mm[picture.point])[1] < 0.01:
+        reason = "its known points lie along one line; a pose needs an area"
+    if reason:
+        rejected.append(
+            Rejection(kind="image", camera=name, image=picture.image, point_id=None,
+                      value=float(len(picture)), reason=reason)
+        )
+    return not reason
+
+
+def _with_interior(model: RigCamera, interior: FloatArray) -> RigCamera:
+    return RigCamera(
+        image_size_px=model.image_size_px, interior=interior, r0_px=model.r0_px,
+        rotation=model.rotation, translation_mm=model.translation_mm,
+    )  # fmt: skip
+
+
+def _mean_cost(poses: dict[int, list[PoseCandidate]], count: int, gate_px: float) -> float:
+    found = [candidates[0].cost_px2 for candidates in poses.values()]
+    return (sum(found) + (count - len(found)) * gate_px**2) / count
+
+
+def _first_poses(
+    name: str,
+    model: RigCamera,
+    pictures: Sequence[Picture],
+    target: PointSet,
+    gate_px: float,
+    f_given: bool,
+) -> tuple[RigCamera, dict[int, list[PoseCandidate]]]:
+    poses: dict[int, list[PoseCandidate]] = {}
+    cost = np.inf
+    if f_given:
+        poses = _resect_all(model, pictures, target, gate_px)
+        cost = _mean_cost(poses, len(pictures), gate_px)
+    # A given f that leaves a third of the gate is no start: look for a better one.
+    if cost < (gate_px / 3) ** 2:
+        return model, poses
+    chosen = sorted(pictures, key=len, reverse=True)[:MAX_SEARCH_PICTURES]
+    searched = model.interior.copy()
+    searched[0] = searched[0] if f_given else float(max(model.image_size_px))
+    try:
+        searched[0], _, _ = search_focal(
+            camera_model(_with_interior(model, searched)),
+            [target.position_mm[p.point] for p in chosen],
+            [p.xy_px for p in chosen],
+            threshold_px=gate_px,
+        )
+    except CalibrationError as error:
+        raise CalibrationError(
+            f"camera {name}: {error}; the target's coordinates or the code family is wrong"
+        ) from error
+    found = _with_interior(model, searched)
+    found_poses = _resect_all(found, pictures, target, gate_px)
+    if _mean_cost(found_poses, len(pictures), gate_px) < 0.8 * cost:
+        return found, found_poses
+    return model, poses
+
+
+def _resect_all(
+    model: RigCamera, pictures: Sequence[Picture], target: PointSet, gate_px: float
+) -> dict[int, list[PoseCandidate]]:
+    native = camera_model(model)
+    poses = {}
+    for picture in pictures:
+        found = resect(
+            native, target.position_mm[picture.point], picture.xy_px, threshold_px=gate_px
+        )
+        if found:
+            poses[picture.stage] = found
+    return poses
+
+
+def _refine(
+    model: RigCamera,
+    pictures: Sequence[Picture],
+    poses: dict[int, list[PoseCandidate]],
+    target: PointSet,
+    free: Sequence[str],
+) -> RigCamera:
+    """The interior after a robust bundle of this camera alone, target fixed, poses free."""
+    network = Network()
+    camera = network.add_camera("camera", model, free=free)
+    image, point, xy, cov = [], [], [], []
+    for picture in pictures:
+        if picture.stage not in poses:
+            continue
+        best = poses[picture.stage][0]
+        pose = network.add_pose(picture.image, best.rotation, best.translation_mm)
+        index = network.add_image(picture.image, camera, inner=pose)
+        image.append(np.full(len(picture), index))
+        point.append(picture.point)
+        xy.append(picture.xy_px)
+        cov.append(picture.cov_px2)
+    if not image or not free:
+        return model
+    network.set_points(target.id, target.position_mm)
+    network.set_observations(*(np.concatenate(part) for part in (image, point, xy, cov)))
+    try:
+        network.adjust(AdjustOptions(critical_value=0.0, max_rounds=2))
+    except CalibrationError:
+        return model  # what cannot be told here may be in the joint adjustment
+    interior = network.interior(camera)
+    plausible = 0.2 < interior[0] / model.interior[0] < 5.0
+    return _with_interior(model, interior) if plausible else model

@@ -1,0 +1,179 @@
+"""Displacement, velocity and centroid: the paper's Eqs. (10)-(12), with covariances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from videogrammetry.types import FloatArray, IntArray, Motion, Trajectories
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions:
+    """What motion refers to.
+
+    Attributes
+    ----------
+    reference_stage : displacements are against this stage; None = the first.
+    centroid_points : numbers of the points whose mean is the centroid; None =
+        those measured at every stage, or, where there is none, the set that
+        gives most points over most stages.
+    """
+
+    reference_stage: int | None = None
+    centroid_points: tuple[int, ...] | None = None
+
+
+def step(position: FloatArray, cov: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eq. (10): X(i+1) - X(i) at stage i, NaN at the last; covariances (.., 6) add up.
+
+    Examples
+    --------
+    >>> d, c = step(np.array([[0.0, 0, 0], [1, 2, 3]]), np.ones((2, 6)))
+    >>> d.tolist()[0], float(c[0, 0])
+    ([1.0, 2.0, 3.0], 2.0)
+    """
+    difference = np.full_like(position, np.nan)
+    variance = np.full_like(cov, np.nan)
+    difference[:-1] = position[1:] - position[:-1]
+    variance[:-1] = cov[1:] + cov[:-1]
+    return difference, variance
+
+
+def displacement(
+    position: FloatArray, cov: FloatArray, reference: int
+) -> tuple[FloatArray, FloatArray]:
+    """X(i) - X(reference), exactly zero with zero covariance at the reference itself.
+
+    Examples
+    --------
+    >>> d, c = displacement(np.array([[1.0, 1, 1], [2, 2, 2]]), np.ones((2, 6)), 0)
+    >>> d.tolist(), c[:, 0].tolist()
+    ([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], [0.0, 2.0])
+    """
+    difference = position - position[reference]
+    variance = cov + cov[reference]
+    known = np.isfinite(position[reference])[..., :1]
+    variance[reference] = np.where(known, 0.0, np.nan)
+    return difference, variance
+
+
+def velocity(
+    position: FloatArray, cov: FloatArray, time_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Eq. (11): (X(i+1) - X(i-1)) / (t(i+1) - t(i-1)); NaN at both ends and at gaps.
+
+    Examples
+    --------
+    >>> x = np.array([[0.0, 0, 0], [1, 0, 0], [4, 0, 0]])
+    >>> v, c = velocity(x, np.ones((3, 6)), np.array([0.0, 1.0, 2.0]))
+    >>> v[1].tolist(), float(c[1, 0]), bool(np.isnan(v[[0, 2]]).all())
+    ([2.0, 0.0, 0.0], 0.5, True)
+    """
+    speed = np.full_like(position, np.nan)
+    variance = np.full_like(cov, np.nan)
+    if len(position) > 2:
+        span = (time_s[2:] - time_s[:-2]).reshape(-1, *[1] * (position.ndim - 1))
+        speed[1:-1] = (position[2:] - position[:-2]) / span
+        variance[1:-1] = (cov[2:] + cov[:-2]) / span**2
+    return speed, variance
+
+
+def constant_set(measured: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Columns of ``measured`` (S, P) whose mean is comparable over the stages.
+
+    The points of every stage that has any; where there is none, points are
+    dropped, the rarest first, and the set with the largest number of points
+    times stages that hold them all is taken.
+
+    Examples
+    --------
+    >>> constant_set(np.array([[1, 1, 0], [1, 1, 1]], dtype=bool)).tolist()
+    [0, 1]
+    """
+    stages = measured[measured.any(axis=1)]
+    everywhere = np.flatnonzero(stages.all(axis=0)) if len(stages) else np.empty(0, np.intp)
+    if len(everywhere) or not measured.any():
+        return everywhere
+    order = np.argsort(-stages.sum(axis=0), kind="stable")
+    complete = np.ones(len(stages), dtype=bool)
+    best, size = 0, 0
+    for k, column in enumerate(order, start=1):
+        complete &= stages[:, column]
+        if k * int(complete.sum()) > size:
+            best, size = k, k * int(complete.sum())
+    return np.sort(order[:best])
+
+
+def _centroid(trajectories: Trajectories, columns: npt.NDArray[np.intp]) -> tuple[FloatArray, ...]:
+    """Eq. (12) with its covariance from the noise and with the calibration's."""
+    stages = len(trajectories.stage)
+    if not len(columns):
+        empty = np.full((stages, 6), np.nan)
+        return np.full((stages, 3), np.nan), empty, empty
+    n = len(columns)
+    mean: FloatArray = trajectories.position_mm[:, columns].mean(axis=1)
+    image = trajectories.cov_image_mm2[:, columns]
+    noise: FloatArray = image.sum(axis=1) / n**2
+    # The calibration moves all points of a neighbourhood together: no 1/n.
+    common = (trajectories.cov_mm2[:, columns] - image).mean(axis=1)
+    return mean, noise, noise + common
+
+
+def _columns(trajectories: Trajectories, points: tuple[int, ...]) -> npt.NDArray[np.intp]:
+    missing = sorted(set(points) - set(trajectories.point_id.tolist()))
+    if missing:
+        raise ValueError(
+            f"[motion] centroid_points: {missing} were measured at no stage; "
+            f"measured are {trajectories.point_id.tolist()[:30]}..."
+        )
+    return np.searchsorted(trajectories.point_id, np.array(sorted(points)))
+
+
+def compute_motion(trajectories: Trajectories, options: MotionOptions | None = None) -> Motion:
+    """Displacement, velocity and centroid series of measured trajectories.
+
+    Without times (no frame rate) the velocities are NaN.
+
+    Raises
+    ------
+    ValueError
+        If the reference stage or a centroid's point was not measured.
+    """
+    options = options or MotionOptions()
+    stage: IntArray = trajectories.stage
+    reference = options.reference_stage if options.reference_stage is not None else int(stage[0])
+    if reference not in stage:
+        raise ValueError(
+            f"[motion] reference_stage {reference}: measured stages are {stage[0]}...{stage[-1]}"
+        )
+    row = int(np.flatnonzero(stage == reference)[0])
+    position, cov = trajectories.position_mm, trajectories.cov_image_mm2
+    if options.centroid_points is None:
+        columns = constant_set(np.isfinite(position[..., 0]))
+    else:
+        columns = _columns(trajectories, options.centroid_points)
+    centre, centre_noise, centre_cov = _centroid(trajectories, columns)
+    step_mm, step_cov = step(position, cov)
+    moved, moved_cov = displacement(position, cov, row)
+    speed, speed_cov = velocity(position, cov, trajectories.time_s)
+    centre_moved, centre_moved_cov = displacement(centre, centre_noise, row)
+    centre_speed, centre_speed_cov = velocity(centre, centre_noise, trajectories.time_s)
+    return Motion(
+        reference_stage=reference,
+        step_mm=step_mm,
+        step_cov_mm2=step_cov,
+        displacement_mm=moved,
+        displacement_cov_mm2=moved_cov,
+        velocity_mm_s=speed,
+        velocity_cov_mm2_s2=speed_cov,
+        centroid_points=trajectories.point_id[columns],
+        centroid_mm=centre,
+        centroid_cov_mm2=centre_cov,
+        centroid_displacement_mm=centre_moved,
+        centroid_displacement_cov_mm2=centre_moved_cov,
+        centroid_velocity_mm_s=centre_speed,
+        centroid_velocity_cov_mm2_s2=centre_speed_cov,
+    )

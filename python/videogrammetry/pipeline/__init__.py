@@ -1,0 +1,7 @@
+"""Pipeline: the only place that knows the order of the rooms."""
+
+from videogrammetry.pipeline.calibrate import calibrate_project
+from videogrammetry.pipeline.frames import Progress
+from videogrammetry.pipeline.measure import measure_project
+
+__all__ = ["Progress", "calibrate_project", "measure_project"]

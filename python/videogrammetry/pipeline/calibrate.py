@@ -1,0 +1,166 @@
+"""From a project's calibration pictures, or observations, to a calibrated rig."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from videogrammetry.calibration import (
+    CalibrationOptions,
+    CalibrationRun,
+    CameraFrames,
+    FrameTargets,
+    calibrate,
+)
+from videogrammetry.errors import CalibrationError, ProjectFileError
+from videogrammetry.pipeline.frames import (
+    Progress,
+    input_files,
+    map_bounded,
+    open_cameras,
+    read_and_recognize,
+    recognition_options,
+    silent,
+)
+from videogrammetry.project import (
+    Project,
+    provenance,
+    read_observations,
+    read_points,
+)
+from videogrammetry.sequence import check_same_length
+from videogrammetry.types import Observations, Targets
+
+
+def calibrate_project(
+    project: Project, *, method: str = "joint", progress: Progress = silent, num_threads: int = 0
+) -> CalibrationRun:
+    """Calibrate the cameras of a project.
+
+    Every camera's ``calibration`` pictures are recognised (or its observations
+    CSV is read), the n-th pictures of all cameras belonging to one stage, and
+    all are adjusted together.
+
+    Parameters
+    ----------
+    project : as ``read_project`` gives it.
+    method : "joint", or "mean" for the paper's averaging.
+    progress : told about each picture.
+    num_threads : pictures recognised at a time; 0 = one a core.
+
+    Raises
+    ------
+    ProjectFileError, SequenceError, TableError, CalibrationError
+        Naming file, picture or target, and what to do.
+    """
+    if project.calibration.target is None:
+        raise ProjectFileError(
+            f"{project.path}: [calibration] names no target: add target = "
+            '"points.csv", a table id,x_mm,y_mm,z_mm of the calibration target\'s points'
+        )
+    target = read_points(project.calibration.target)
+    tables = [camera.observations is not None for camera in project.cameras.values()]
+    if any(tables) and not all(tables):
+        raise ProjectFileError(
+            f"{project.path}: some cameras have pictures and others an observations CSV as "
+            "calibration: which belong together cannot be told; give all the same kind"
+        )
+    if all(tables):
+        cameras, inputs = _from_observations(project)
+    else:
+        cameras, inputs = _from_pictures(project, progress, num_threads)
+    options = CalibrationOptions(
+        method=method, sigma_mm=project.calibration.sigma_mm, num_threads=num_threads
+    )
+    progress(0, 1, "adjusting")
+    run = calibrate(cameras, target, options)
+    progress(1, 1, "adjusting")
+    origin = provenance(options, [*inputs, project.calibration.target], project.folder)
+    how = {**run.rig.how, "provenance": origin}
+    return dataclasses.replace(run, rig=dataclasses.replace(run.rig, how=how))
+
+
+def _frames(
+    project: Project, name: str, size: tuple[int, int], frames: list[FrameTargets]
+) -> CameraFrames:
+    camera = project.cameras[name]
+    return CameraFrames(
+        name=name,
+        image_size_px=size,
+        frames=frames,
+        start=camera.start,
+        free=camera.free,
+        r0_px=camera.r0_px,
+    )
+
+
+def frame_targets(stage: int, image: str, targets: Targets) -> FrameTargets:
+    """Recognised targets as the calibration takes them."""
+    return FrameTargets(
+        stage=stage,
+        image=image,
+        id=targets.id,
+        xy_px=targets.centre_px,
+        cov_px2=np.stack(
+            [targets.cov[:, 0, 0], targets.cov[:, 0, 1], targets.cov[:, 1, 1]], axis=1
+        ),
+    )
+
+
+def _from_pictures(
+    project: Project, progress: Progress, num_threads: int
+) -> tuple[list[CameraFrames], list[str]]:
+    sources = open_cameras(project, "calibration", lambda camera: camera.calibration)
+    count = check_same_length(sources)
+    options = recognition_options(project.targets)
+    jobs = [(name, index) for name in sources for index in range(count)]
+
+    def work(job: tuple[str, int]) -> FrameTargets:
+        name, index = job
+        targets = read_and_recognize(sources[name], index, options)
+        return frame_targets(index + 1, sources[name].name(index), targets)
+
+    frames: dict[str, list[FrameTargets]] = {name: [] for name in sources}
+    for done, (job, frame) in enumerate(
+        zip(jobs, map_bounded(work, jobs, num_threads), strict=True), start=1
+    ):
+        frames[job[0]].append(frame)
+        progress(done, len(jobs), "recognising")
+    cameras = [
+        _frames(project, name, source.image_size_px, frames[name])
+        for name, source in sources.items()
+    ]
+    return cameras, input_files(project, sources)
+
+
+def _from_observations(project: Project) -> tuple[list[CameraFrames], list[str]]:
+    """Cameras whose targets were detected elsewhere; equal picture names are synchronous."""
+    paths = {name: project.folder / str(c.observations) for name, c in project.cameras.items()}
+    tables = {name: read_observations(path) for name, path in paths.items()}
+    names = dict.fromkeys(image for table in tables.values() for image in table.image)
+    stage_of = {image: stage for stage, image in enumerate(sorted(names), start=1)}
+    cameras = []
+    for name, table in tables.items():
+        if not len(table):
+            raise CalibrationError(
+                f"camera {name!r}: {paths[name]} has no observation; fill it or take the camera "
+                "out of the project"
+            )
+        size = project.cameras[name].image_size_px
+        if size is None:
+            raise ProjectFileError(f"{project.path}: [cameras.{name}] has no image_size_px")
+        frames = [_frame_of(table, i, stage_of[image]) for i, image in enumerate(table.image)]
+        cameras.append(_frames(project, name, size, sorted(frames, key=lambda f: f.stage)))
+    return cameras, [str(project.path), *(str(path) for path in paths.values())]
+
+
+def _frame_of(table: Observations, index: int, stage: int) -> FrameTargets:
+    rows = table.image_index == index
+    return FrameTargets(
+        stage=stage,
+        image=table.image[index],
+        id=table.point_id[rows],
+        xy_px=table.xy_px[rows],
+        cov_px2=table.cov_px2[rows],
+    )

@@ -1,0 +1,302 @@
+"""From a project's sequences to trajectories and motion."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from videogrammetry.errors import MeasurementError, ProjectFileError
+from videogrammetry.matching import TARGET_STATUS, MatchingOptions, image_covariance, match_stage
+from videogrammetry.motion import MotionOptions, compute_motion
+from videogrammetry.pipeline.frames import (
+    Progress,
+    input_files,
+    map_bounded,
+    open_cameras,
+    read_and_recognize,
+    recognition_options,
+    silent,
+)
+from videogrammetry.project import Project, provenance, read_rig
+from videogrammetry.recognition import code_family
+from videogrammetry.reconstruction import reconstruct_stage
+from videogrammetry.sequence import check_same_length
+from videogrammetry.sequence.source import JoinedSource
+from videogrammetry.tracking import build_trajectories, link_stages
+from videogrammetry.types import (
+    FloatArray,
+    IntArray,
+    Matches,
+    Measurement,
+    RigData,
+    StagePoints,
+    TargetRecords,
+    Targets,
+)
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """One stage: what was seen, matched and reconstructed."""
+
+    targets: tuple[Targets, ...]
+    matches: Matches
+    points: StagePoints
+
+
+def measure_stage(
+    rig: RigData, targets: Sequence[Targets], options: MatchingOptions | None = None
+) -> StageResult:
+    """Match and reconstruct the targets of one stage, one ``Targets`` a camera."""
+    matches = match_stage(rig, targets, options)
+    cov = [
+        image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
+        for name, t in zip(rig.cameras, targets, strict=True)
+    ]
+    points = reconstruct_stage(rig, matches, [t.centre_px for t in targets], cov)
+    return StageResult(tuple(targets), matches, points)
+
+
+def measure_project(
+    project: Project,
+    *,
+    rig: RigData | None = None,
+    progress: Progress = silent,
+    num_threads: int = 0,
+) -> Measurement:
+    """Measure the sequences of a calibrated project.
+
+    Stage by stage: recognition in every camera's frame, matching, triangulation
+    with covariance; then numbers for un-coded points over all stages, and motion.
+
+    Parameters
+    ----------
+    project : as ``read_project`` gives it.
+    rig : the calibrated cameras; None: rig.json beside the project.
+    progress : told about each stage.
+    num_threads : stages at a time; 0 = one a core.
+
+    Raises
+    ------
+    ProjectFileError, SequenceError, MeasurementError
+        Naming file or picture, and what to do.
+    """
+    _refuse_filter(project)
+    if rig is None:
+        rig = _read_project_rig(project)
+    sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
+    rig = _rig_in_order(rig, sources, project)
+    first, last = _stage_range(project, check_same_length(sources))
+    rate, warnings = _frame_rate(project, sources)
+    options = recognition_options(project.targets)
+
+    def work(index: int) -> StageResult:
+        return measure_stage(
+            rig, [read_and_recognize(source, index, options) for source in sources.values()]
+        )
+
+    results: list[StageResult] = []
+    for result in map_bounded(work, range(first - 1, last), num_threads):
+        results.append(result)
+        progress(len(results), last - first + 1, "measuring")
+
+    stage = np.arange(first, last + 1, dtype=np.int32)
+    time_s = (stage - 1) / rate if rate else np.full(len(stage), np.nan)
+    numbers = link_stages([r.points for r in results], first_free_id(project))
+    if not any(len(n) for n in numbers):
+        raise MeasurementError(_nothing_measured(project, results))
+    trajectories = build_trajectories(
+        [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
+    )
+    motion = compute_motion(trajectories, MotionOptions(reference_stage=_reference(project, stage)))
+    return Measurement(
+        trajectories=trajectories,
+        motion=motion,
+        targets=_records(results, numbers, stage),
+        image_name=tuple(
+            tuple(source.name(i - 1) for i in stage.tolist()) for source in sources.values()
+        ),
+        frame_rate_hz=rate,
+        provenance=provenance(
+            {"first": first, "last": last, "rig": rig.how, "targets": options},
+            _inputs(project, sources),
+            project.folder,
+        ),
+        warnings=tuple(warnings),
+    )
+
+
+def first_free_id(project: Project) -> int:
+    """The first number for un-coded points: above the family's largest code."""
+    family = code_family(project.targets.codes)
+    return (family.largest_id if family is not None else 0) + 1
+
+
+def _refuse_filter(project: Project) -> None:
+    if project.motion.filter != "none":
+        raise ProjectFileError(
+            f"{project.path}: [motion] filter = {project.motion.filter!r} is not available yet; "
+            'write filter = "none": velocities are central differences of the measured positions'
+        )
+
+
+def _read_project_rig(project: Project) -> RigData:
+    if not project.rig_path.is_file():
+        raise ProjectFileError(
+            f"{project.rig_path}: the project has no calibrated rig yet: run "
+            f"`videogrammetry calibrate {project.path.name}` first"
+        )
+    return read_rig(project.rig_path)
+
+
+def _rig_in_order(rig: RigData, sources: dict[str, JoinedSource], project: Project) -> RigData:
+    """The rig's cameras, checked against the sequences, in the project's order."""
+    missing = [name for name in sources if name not in rig.cameras]
+    if missing:
+        raise ProjectFileError(
+            f"{project.path}: camera {missing[0]!r} is not in the rig, which has "
+            f"{', '.join(rig.cameras)}: calibrate again or correct the name"
+        )
+    for name, source in sources.items():
+        size = tuple(rig.cameras[name].image_size_px)
+        if source.image_size_px != size:
+            raise MeasurementError(
+                f"camera {name!r}: its sequence has {source.image_size_px[0]}x"
+                f"{source.image_size_px[1]} px, but it was calibrated with {size[0]}x{size[1]} px: "
+                "record and calibrate with the same format (a cropped read-out moves the "
+                "principal point)"
+            )
+    cameras = {name: rig.cameras[name] for name in sources}
+    if len(cameras) == len(rig.cameras):
+        return RigData(**{**rig.__dict__, "cameras": cameras})
+    keep = [i for i, n in enumerate(rig.cov_names) if n.rsplit("/", 1)[0] in cameras]
+    cov = None if rig.cov is None else rig.cov[np.ix_(keep, keep)]
+    names = tuple(rig.cov_names[i] for i in keep)
+    return RigData(**{**rig.__dict__, "cameras": cameras, "cov": cov, "cov_names": names})
+
+
+def _stage_range(project: Project, count: int) -> tuple[int, int]:
+    first = project.sequence.first
+    last = count if project.sequence.last is None else project.sequence.last
+    if last > count or first > count:
+        raise ProjectFileError(
+            f"{project.path}: [sequence] asks for the stages {first} to {last}, but the sequences "
+            f"have {count}: correct first and last"
+        )
+    return first, last
+
+
+def _frame_rate(
+    project: Project, sources: dict[str, JoinedSource]
+) -> tuple[float | None, list[str]]:
+    """The project's rate over the files' own, with a warning where they differ."""
+    rates = {name: source.frame_rate_hz for name, source in sources.items()}
+    stated = {name: rate for name, rate in rates.items() if rate is not None}
+    wanted = project.sequence.frame_rate_hz
+    warnings = []
+    if wanted is not None:
+        for name, rate in stated.items():
+            if not np.isclose(rate, wanted, rtol=1e-9):
+                warnings.append(
+                    f"camera {name!r}: its file says {rate:g} frames a second, the project "
+                    f"{wanted:g}: the project's is taken"
+                )
+        return wanted, warnings
+    if len(set(stated.values())) > 1:
+        raise MeasurementError(
+            f"the cameras' files state different frame rates ({stated}): synchronous cameras have "
+            "one; say which with [sequence] frame_rate_hz"
+        )
+    if not stated:
+        warnings.append(
+            "no frame rate: times and velocities are left empty; give [sequence] frame_rate_hz"
+        )
+        return None, warnings
+    return next(iter(stated.values())), warnings
+
+
+def _reference(project: Project, stage: IntArray) -> int:
+    reference = project.motion.reference_stage
+    if int(stage[0]) <= reference <= int(stage[-1]):
+        return reference
+    if reference == 1:  # the default where the sequence starts later
+        return int(stage[0])
+    raise ProjectFileError(
+        f"{project.path}: [motion] reference_stage = {reference} is not among the measured stages "
+        f"{stage[0]} to {stage[-1]}"
+    )
+
+
+def _inputs(project: Project, sources: dict[str, JoinedSource]) -> list[str | os.PathLike[str]]:
+    files: list[str | os.PathLike[str]] = [*input_files(project, sources)]
+    if project.rig_path.is_file():
+        files.append(Path(project.rig_path))
+    return files
+
+
+def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
+    """How many targets of all stages came to which end."""
+    status = np.concatenate([s for r in results for s in r.matches.status])
+    return {
+        name: int((status == code).sum())
+        for code, name in enumerate(TARGET_STATUS)
+        if (status == code).any()
+    }
+
+
+def _nothing_measured(project: Project, results: Sequence[StageResult]) -> str:
+    counts = status_counts(results)
+    if not counts:
+        return (
+            f"{project.path}: no target was recognised in any of the {len(results)} stages; look "
+            "at the pictures with `videogrammetry recognize --overlay DIR`, and check polarity and "
+            "diameter_px in [targets]"
+        )
+    found = ", ".join(f"{count} {name}" for name, count in counts.items())
+    return (
+        f"{project.path}: targets were recognised but none could be matched between cameras "
+        f"({found}): is the rig of these sequences, are the cameras synchronous and in the right "
+        "order?"
+    )
+
+
+def _records(
+    results: Sequence[StageResult], numbers: Sequence[IntArray], stage: IntArray
+) -> TargetRecords:
+    rows = [
+        _picture_rows(result, ids, int(s), camera)
+        for result, ids, s in zip(results, numbers, stage, strict=True)
+        for camera in range(len(result.targets))
+    ]
+    fields = TargetRecords.__dataclass_fields__
+    return TargetRecords(**{name: np.concatenate([r[name] for r in rows]) for name in fields})
+
+
+def _picture_rows(
+    result: StageResult, numbers: IntArray, stage: int, camera: int
+) -> dict[str, FloatArray | IntArray]:
+    targets = result.targets[camera]
+    n = len(targets)
+    point_id = np.full(n, -1, dtype=np.int32)
+    residual = np.full((n, 2), np.nan)
+    column = result.points.target[:, camera]
+    seen = np.flatnonzero(column >= 0)
+    point_id[column[seen]] = numbers[seen]
+    residual[column[seen]] = result.points.residual_px[seen, camera]
+    return {
+        "stage": np.full(n, stage, dtype=np.int32),
+        "camera": np.full(n, camera, dtype=np.int32),
+        "centre_px": targets.centre_px,
+        "semi_axes_px": targets.semi_axes_px,
+        "angle_rad": targets.angle_rad,
+        "sigma_px": targets.sigma_px,
+        "code_id": targets.id,
+        "point_id": point_id,
+        "residual_px": residual,
+        "match_status": result.matches.status[camera],
+        "ring_status": targets.ring_status,
+    }

@@ -76,7 +76,7 @@ def _duration(seconds: float) -> str:
 
     Examples
     --------
-    >>> _duration(5.2), _duration(65), _duration(3700)
+    >>> _duration(5.2), _duration(65), _duration(3720)
     ('5 s', '1 min 05 s', '1 h 02 min')
     """
     whole = round(seconds)

@@ -12,6 +12,7 @@ from videogrammetry.calibration.pictures import check_input, collect_pictures, t
 from videogrammetry.calibration.result import calibration_run
 from videogrammetry.calibration.run import CalibrationOptions, CalibrationRun, CameraFrames
 from videogrammetry.calibration.start import start_camera
+from videogrammetry.calibration.volume import with_volume
 from videogrammetry.types import PointSet
 
 METHODS = ("joint", "mean")
@@ -70,6 +71,8 @@ def calibrate(
     else:
         cov = target_covariance(target, options)
         outcome = calibrate_joint(cameras, starts, rig, pictures, target, cov, options)
-    return calibration_run(
-        cameras, starts, pictures, target, options, outcome, time.perf_counter() - began
+    return with_volume(
+        calibration_run(
+            cameras, starts, pictures, target, options, outcome, time.perf_counter() - began
+        )
     )

@@ -81,7 +81,7 @@ def calibrate_project(
     run = calibrate(cameras, target, options)
     progress(1, 1, "adjusting")
     origin = provenance(options, [*inputs, project.calibration.target], project.folder)
-    how = {**run.rig.how, "provenance": origin}
+    how = {**origin, **run.rig.how}
     return dataclasses.replace(run, rig=dataclasses.replace(run.rig, how=how))
 
 

@@ -1,3 +1,5 @@
 """videogrammetry: pictures of synchronised cameras to 3-D motion."""
 
-__version__ = "0.1.0"
+from videogrammetry.version import __version__
+
+__all__ = ["__version__"]

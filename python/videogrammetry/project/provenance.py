@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from videogrammetry import __version__
+from videogrammetry.version import __version__
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:

@@ -268,7 +268,7 @@ def _baselines(run: CalibrationRun) -> str:
     rows = []
     for k, first in enumerate(firsts):
         for second in names[k + 1 :]:
-            baseline = np.linalg.norm(_centre(run, second) - _centre(run, first))
+            baseline = math.dist(_centre(run, second), _centre(run, first))
             axes = run.rig.cameras[first].rotation[2], run.rig.cameras[second].rotation[2]
             rows.append([f"{first}, {second}", f"{baseline:.3f}", f"{_angle_deg(*axes):.2f}"])
     if not rows:
@@ -284,7 +284,7 @@ def _sigmas(sigma: Any, names: tuple[str, ...], factor: float, form: str) -> str
 
 
 def _angle_deg(a: FloatArray, b: FloatArray) -> float:
-    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b)))
+    return math.degrees(math.atan2(math.hypot(*np.cross(a, b)), float(a @ b)))
 
 
 def _pictures(run: CalibrationRun) -> str:

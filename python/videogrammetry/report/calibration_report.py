@@ -19,6 +19,7 @@ from videogrammetry.geometry import vector_from_rotation
 from videogrammetry.report.html import (
     Cell,
     count,
+    deviation,
     escape,
     facts,
     figure,
@@ -138,7 +139,7 @@ class _Camera:
                 [
                     name,
                     number(value, sigma if estimated else None),
-                    f"{sigma:.2g}" if estimated and sigma is not None else "",
+                    deviation(sigma) if estimated and sigma is not None else "",
                     unit,
                     _times(ratio),
                     Cell("estimated" if estimated else self._why_not(name), "why"),
@@ -278,9 +279,9 @@ def _baselines(run: CalibrationRun) -> str:
 
 
 def _sigmas(sigma: Any, names: tuple[str, ...], factor: float, form: str) -> str:
-    if not all(name in sigma for name in names):
+    if not any(sigma.get(name) for name in names):
         return "fixed"
-    return " ".join(format(sigma[name] * factor, form) for name in names)
+    return " ".join(format(sigma.get(name, 0.0) * factor, form) for name in names)
 
 
 def _angle_deg(a: FloatArray, b: FloatArray) -> float:
@@ -356,8 +357,9 @@ def _rejected(run: CalibrationRun) -> str:
 
 def _provenance(run: CalibrationRun) -> str:
     how = run.rig.how
-    main = [("program", f"{how.get('program', '')} {how.get('version', '')}".strip())]
-    main += [("time", str(how.get("time_utc", ""))), ("calculation", f"{run.seconds:.2f} s")]
+    origin = how.get("provenance", how)
+    main = [("program", f"{origin.get('program', '')} {origin.get('version', '')}".strip())]
+    main += [("time", str(origin.get("time_utc", ""))), ("calculation", f"{run.seconds:.2f} s")]
     rows: list[list[str | Cell]] = [[name, Cell(value, "l")] for name, value in main if value]
     details = json.dumps(dict(how), indent=1, ensure_ascii=False, default=str)
     return (

@@ -12,6 +12,7 @@ that stands at no known place.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import sys
@@ -24,7 +25,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from videogrammetry.pipeline import calibrate_project, measure_project
-from videogrammetry.project import read_points, read_project
+from videogrammetry.project import read_measurement, read_points, read_project, read_rig
 from videogrammetry.tracking.link import fit_rigid
 from videogrammetry.types import matrix_from_cov6
 
@@ -77,18 +78,18 @@ class StageErrors:
 
 
 def judge_stage(ids, position, cov, known) -> StageErrors:
-    """Best fit of one stage to the known points; un-coded by the nearest known place."""
+    """Best fit of one stage to the known points; un-coded by the nearest known place.
+
+    That may be a coded point's, where its ring was hidden.
+    """
     row_of = {int(i): k for k, i in enumerate(known.id)}
     coded = np.array([i <= LARGEST_CODE and int(i) in row_of for i in ids])
     known_row = np.array([row_of.get(int(i), -1) if c else -1 for i, c in zip(ids, coded)])
     rotation, translation, _ = fit_rigid(known.position_mm[known_row[coded]], position[coded])
-    loose_known = np.flatnonzero(known.id > LARGEST_CODE)
-    tree = cKDTree(known.position_mm[loose_known])
     placed = position @ rotation.T + translation
-    distance, nearest = tree.query(placed)
-    loose = ids > LARGEST_CODE
-    at_place = loose & (distance < KNOWN_PLACE_MM)
-    known_row[at_place] = loose_known[nearest[at_place]]
+    distance, nearest = cKDTree(known.position_mm).query(placed)
+    at_place = (ids > LARGEST_CODE) & (distance < KNOWN_PLACE_MM)
+    known_row[at_place] = nearest[at_place]
     used = known_row >= 0
     strangers = [(int(i), placed[k].round(2).tolist()) for k, i in enumerate(ids) if not used[k]]
     a, b = known.position_mm[known_row[used]], position[used]
@@ -102,6 +103,44 @@ def judge_stage(ids, position, cov, known) -> StageErrors:
         scale=spread[1] / spread[0] - 1,
         strangers=strangers,
     )
+
+
+def strangers(stages, numbers, known) -> list[str]:
+    """Every point at no known place, with what tells what it is."""
+    lines = []
+    plane = known.position_mm[np.abs(known.position_mm[:, 2]) < 5]
+    for number, stage in zip(numbers, stages):
+        for i, place in stage.strangers:
+            gap = np.linalg.norm(plane - place, axis=1).min()
+            lines.append(
+                f"stage {number}, point {i} at {place} mm: {abs(place[2]):.2f} mm off the panel's "
+                f"plane, {gap:.0f} mm from the nearest listed point"
+            )
+    return lines
+
+
+def reference_sigma(stages) -> np.ndarray:
+    """Standard deviation of points.csv per axis, from points measured at several stages.
+
+    Variance components: the mean of a point's errors over its stages holds the
+    reference's own error, their scatter holds the measurement's alone.
+    """
+    errors = {}
+    for stage in stages:
+        for i, e in zip(stage.known_id.tolist(), stage.error_mm):
+            errors.setdefault(i, []).append(e)
+    repeated = [np.array(e) for e in errors.values() if len(e) > 1]
+    within = sum(((e - e.mean(axis=0)) ** 2).sum(axis=0) for e in repeated)
+    within = within / sum(len(e) - 1 for e in repeated)
+    between = np.mean([e.mean(axis=0) ** 2 - within / len(e) for e in repeated], axis=0)
+    return np.sqrt(np.maximum(between, 0))
+
+
+def normalised_with(stages, sigma) -> float:
+    """RMS of error / predicted sigma with the reference's standard deviation per axis."""
+    error = np.concatenate([x.error_mm for x in stages])
+    variance = np.concatenate([np.diagonal(x.cov_mm2, axis1=1, axis2=2) for x in stages])
+    return float(np.sqrt((error**2 / (variance + sigma**2)).mean()))
 
 
 def rms3(error):
@@ -121,7 +160,6 @@ def judge(measurement, known) -> dict:
     ids = np.concatenate([x.id for x in stages])
     coded = ids <= LARGEST_CODE
     normalised = error / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-    mahalanobis = np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov), error) / 3
     wrong = [
         (int(s), int(i), int(k))
         for s, x in zip(table.stage, stages)
@@ -144,9 +182,10 @@ def judge(measurement, known) -> dict:
         "scale_per_stage": [float(x.scale) for x in stages],
         "normalised_rms": float(np.sqrt((normalised**2).mean())),
         "normalised_rms_axis": np.sqrt((normalised**2).mean(axis=0)).round(3).tolist(),
-        "mahalanobis_rms": float(np.sqrt(mahalanobis.mean())),
         "reprojection_rms_px": float(np.sqrt(np.nanmean(measurement.targets.residual_px**2))),
-        "strangers": [(int(s), *x) for s, r in zip(table.stage, stages) for x in r.strangers],
+        "strangers": strangers(stages, table.stage, known),
+        "reference_sigma_mm": reference_sigma(stages).round(4).tolist(),
+        "normalised_rms_own_reference": normalised_with(stages, reference_sigma(stages)),
         "wrong_ids": wrong,
         "numbers_on_two_places": {i: sorted(k) for i, k in moved.items() if len(k) > 1},
     }
@@ -194,20 +233,22 @@ ROWS = (
     ("largest 3-D error, mm", "largest_mm", ""),
     ("scale - 1", "scale", "|.| <= 5e-5"),
     ("normalised errors, RMS per axis value", "normalised_rms", "0.8 ... 1.3"),
-    ("normalised errors, RMS with correlations", "mahalanobis_rms", ""),
+    ("the same with points.csv's own sigma, below", "normalised_rms_own_reference", "0.8 ... 1.3"),
 )
+
+
+def cell(value) -> str:
+    """A number in twelve characters."""
+    if isinstance(value, int):
+        return f"{value:12d}"
+    return f"{value:12.3g}" if abs(value) < 1e-3 else f"{value:12.4f}"
 
 
 def print_table(results: list[dict]) -> None:
     """The table for docs/verification.md."""
     print(f"{'':46} {'bar':>15} " + " ".join(f"{r['method']:>12}" for r in results))
     for title, key, bar in ROWS:
-        cells = []
-        for r in results:
-            value = r[key]
-            cells.append(f"{value:12d}" if isinstance(value, int) else f"{value:12.3g}" if
-                         abs(value) < 1e-3 else f"{value:12.4f}")
-        print(f"{title:46} {bar:>15} " + " ".join(cells))
+        print(f"{title:46} {bar:>15} " + " ".join(cell(r[key]) for r in results))
     for r in results:
         print(f"\n{r['method']}: RMS per axis {r['rms_axis_mm']} mm, normalised per axis "
               f"{r['normalised_rms_axis']}; floors {r['sigma_floor_px']} px; parameters "
@@ -215,18 +256,43 @@ def print_table(results: list[dict]) -> None:
               "measuring")
         print(f"  wrong IDs: {r['wrong_ids'] or 'none'}; numbers that moved between places: "
               f"{r['numbers_on_two_places'] or 'none'}")
-        print(f"  points at no known place: {r['strangers'] or 'none'}")
-        print(f"  rejected in the calibration: {len(r['rejected'])}")
-        for item in r["rejected"]:
-            print("   ", *item)
+        print(f"  standard deviation of points.csv, from repeats: {r['reference_sigma_mm']} mm")
+        print("  points at no known place:", *(r["strangers"] or ["none"]), sep="\n    ")
+        print(f"  rejected in the calibration: {len(r['rejected'])}, the first of them:")
+        for item in r["rejected"][:8]:
+            print("   ", *(x for x in item if x is not None))
         for warning in r["calibration_warnings"]:
             print("  warning:", warning)
 
 
+def judge_folder(folder: Path) -> None:
+    """The figures of a project that the command has calibrated and measured."""
+    known = read_points(read_project(folder).calibration.target)
+    rig = read_rig(folder / "rig.json")
+    result = judge(read_measurement(folder / "measurement.h5"), known)
+    centres = [-c.rotation.T @ c.translation_mm for c in rig.cameras.values()]
+    result["baseline_mm"] = float(np.linalg.norm(centres[1] - centres[0]))
+    print(f"{'measured against the panel known from elsewhere':46} {'asked for':>15}")
+    for title, key, bar in ROWS:
+        if key in result:
+            print(f"{title:46} {bar:>15} {cell(result[key])}")
+
+
 def main() -> None:
-    data = Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else default_data()
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("data", nargs="?", type=Path, default=default_data())
+    parser.add_argument("--write-project", type=Path, metavar="DIR", help="only write the project")
+    parser.add_argument("--judge", type=Path, metavar="DIR", help="only judge a finished project")
+    args = parser.parse_args()
+    if args.judge:
+        judge_folder(args.judge)
+        return
+    data = args.data.resolve()
     if not (data / "aicon-panel").is_dir():
         sys.exit(f"{data}: no folder aicon-panel here; give the folder of the real pictures")
+    if args.write_project:
+        print(write_project(args.write_project, data))
+        return
     with tempfile.TemporaryDirectory() as folder:
         path = write_project(Path(folder), data)
         results = [run(method, path) for method in ("joint", "mean")]

@@ -22,22 +22,26 @@ py::array_t<T> Shaped(const std::vector<T>& values, std::vector<py::ssize_t> sha
   return array;
 }
 
-py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
-                           const Array<std::int32_t>& camera, const Array<double>& xy_px,
-                           const Array<double>& cov_px2, const Eigen::MatrixXd& cov_rig,
-                           int num_threads) {
+MatchArrays ViewOf(const Array<std::int64_t>& offsets, const Array<std::int32_t>& camera,
+                   const Array<double>& xy_px, const Array<double>& cov_px2) {
   if (xy_px.size() != 2 * camera.size() || cov_px2.size() != 3 * camera.size()) {
     throw std::invalid_argument("xy_px: expected (M, 2), cov_px2: (M, 3) for M cameras");
   }
-  MatchArrays matches;
-  matches.offsets = {offsets.data(), static_cast<std::size_t>(offsets.size())};
-  matches.camera = {camera.data(), static_cast<std::size_t>(camera.size())};
-  matches.xy_px = xy_px.data();
-  matches.cov_px2 = cov_px2.data();
+  return {{offsets.data(), static_cast<std::size_t>(offsets.size())},
+          {camera.data(), static_cast<std::size_t>(camera.size())},
+          xy_px.data(),
+          cov_px2.data()};
+}
+
+py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
+                           const Array<std::int32_t>& camera, const Array<double>& xy_px,
+                           const Array<double>& cov_px2, const Eigen::MatrixXd& cov_rig,
+                           const Eigen::MatrixXd& frame_by_parameters, int num_threads) {
+  const MatchArrays matches = ViewOf(offsets, camera, xy_px, cov_px2);
   TriangulatedPoints points;
   {
     const py::gil_scoped_release release;
-    points = Triangulate(rig, matches, cov_rig, {num_threads});
+    points = Triangulate(rig, matches, {cov_rig, frame_by_parameters}, {num_threads});
   }
   const auto p = static_cast<py::ssize_t>(points.status.size());
   const auto m = static_cast<py::ssize_t>(camera.size());
@@ -56,7 +60,15 @@ void BindReconstruction(py::module_& parent) {
   py::module_ m = parent.def_submodule("reconstruction");
   m.def("triangulate", &TriangulateArrays, "rig"_a, "offsets"_a.noconvert(),
         "camera"_a.noconvert(), "xy_px"_a.noconvert(), "cov_px2"_a.noconvert(), "cov_rig"_a,
-        "num_threads"_a);
+        "frame_by_parameters"_a, "num_threads"_a);
+  m.def(
+      "shared_frame_motion",
+      [](const Rig& rig, const Array<std::int64_t>& offsets, const Array<std::int32_t>& camera,
+         const Array<double>& xy_px, const Array<double>& cov_px2) {
+        return SharedFrameMotion(rig, ViewOf(offsets, camera, xy_px, cov_px2));
+      },
+      "rig"_a, "offsets"_a.noconvert(), "camera"_a.noconvert(), "xy_px"_a.noconvert(),
+      "cov_px2"_a.noconvert());
 }
 
 }  // namespace videogrammetry::bindings

@@ -1,5 +1,91 @@
-"""videogrammetry: pictures of synchronised cameras to 3-D motion."""
+"""videogrammetry: pictures of synchronised cameras to 3-D motion.
 
+The shortest way from files::
+
+    import videogrammetry as vg
+
+    project = vg.read_project("project.toml")
+    run = vg.calibrate_project(project)
+    measurement = vg.measure_project(project, rig=run.rig)
+    measurement.trajectories.position_mm  # (stage, point, 3)
+
+and from arrays, without a file::
+
+    target = vg.read_points("points.csv")
+    run = vg.calibrate_frames({"left": left, "right": right}, target)
+    measurement = vg.measure_frames(run.rig, {"left": moving_left, "right": moving_right})
+
+:class:`Rig` projects and triangulates, :func:`recognize` finds the targets of
+one picture.
+"""
+
+from videogrammetry.calibration import CalibrationOptions, CalibrationRun, calibrate
+from videogrammetry.errors import (
+    CalibrationError,
+    MeasurementError,
+    ProjectFileError,
+    SequenceError,
+    TableError,
+    VideogrammetryError,
+)
+from videogrammetry.matching import MatchingOptions
+from videogrammetry.motion import MotionOptions, compute_motion
+from videogrammetry.pipeline import (
+    calibrate_frames,
+    calibrate_project,
+    measure_frames,
+    measure_project,
+)
+from videogrammetry.project import (
+    read_measurement,
+    read_points,
+    read_project,
+    write_measurement,
+    write_rig,
+)
+from videogrammetry.recognition import RecognitionOptions, recognize
+from videogrammetry.reconstruction import Rig, triangulate
+from videogrammetry.sequence import open_sequence
+from videogrammetry.types import Measurement, PointSet, Targets, Trajectories
 from videogrammetry.version import __version__
 
-__all__ = ["__version__"]
+
+def measure(project: str) -> Measurement:
+    """Measure the project file ``project`` with the rig beside it: ``measure_project``."""
+    return measure_project(read_project(project))
+
+
+__all__ = [
+    "CalibrationError",
+    "CalibrationOptions",
+    "CalibrationRun",
+    "MatchingOptions",
+    "Measurement",
+    "MeasurementError",
+    "MotionOptions",
+    "PointSet",
+    "ProjectFileError",
+    "RecognitionOptions",
+    "Rig",
+    "SequenceError",
+    "TableError",
+    "Targets",
+    "Trajectories",
+    "VideogrammetryError",
+    "__version__",
+    "calibrate",
+    "calibrate_frames",
+    "calibrate_project",
+    "compute_motion",
+    "measure",
+    "measure_frames",
+    "measure_project",
+    "open_sequence",
+    "read_measurement",
+    "read_points",
+    "read_project",
+    "recognize",
+    "triangulate",
+    "write_measurement",
+    "write_rig",
+]

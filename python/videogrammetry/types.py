@@ -201,6 +201,10 @@ class RigData:
     sigma_floor_px : camera -> standard deviation of an image coordinate that
         adds to what the edges of a target say (lens, flatness, synchronism),
         estimated by the calibration.
+    volume_mm, volume_seen : (D, 3) points of the calibrated volume, in the
+        rig's frame, and (D, C) which cameras saw each during the calibration;
+        None where unknown. They tell where the calibration holds, and in which
+        frame the covariance of a point is stated.
     how : method, options, input hashes, version, time, statistics.
     """
 
@@ -209,6 +213,8 @@ class RigData:
     cov: FloatArray | None = None
     cov_names: tuple[str, ...] = ()
     sigma_floor_px: Mapping[str, float] = field(default_factory=dict)
+    volume_mm: FloatArray | None = None
+    volume_seen: npt.NDArray[np.bool_] | None = None
     how: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -243,7 +249,8 @@ class StagePoints:
     id : (P,) code number or -1. target : (P, C) as in :class:`Matches`.
     position_mm : (P, 3) in the rig's frame.
     cov_image_mm2, cov_rig_mm2 : (P, 3, 3) from the image noise and from the
-        calibration; their sum is the point's covariance.
+        calibration; their sum is the point's covariance. The calibration's is
+        stated in the frame of the calibrated volume (``Triangulator``).
     rms_px : (P,) RMS residual per coordinate. chi2 : (P,).
     convergence_rad : (P,) largest angle between two rays.
     residual_px : (P, C, 2) measured - adjusted, NaN where not seen.

@@ -1,3 +1,3 @@
-"""The version, in a module of its own: whoever needs it imports nothing else."""
+"""The program's version, in one place."""
 
 __version__ = "0.1.0"

@@ -70,24 +70,65 @@ bool FloorsMoved(const Network& network, const std::vector<double>& floors) {
   return false;
 }
 
-/// One look at the present solution: weights, observations and parameters
-/// that must change. True if something did.
+/// One look at the present solution: observations, then weights, that must
+/// change. True if something did. Floors wait until no outlier is left that
+/// would raise them; until then those of the robust start hold.
 bool Revise(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
             std::vector<int>* rounds_out, AdjustResult* result) {
   result->statistics = dispersion.Statistics();
-  bool changed = false;
-  if (options.estimate_floor) {
-    const std::vector<double> floors =
-        EstimateFloors(*network, result->statistics, options.critical_value);
-    changed = FloorsMoved(*network, floors);
-    if (changed) SetFloors(network, floors);
-  }
   if (options.critical_value > 0) {
     const SnoopingChange change =
         SnoopOnce(network, result->statistics, options.critical_value, rounds_out);
-    changed |= change.rejected + change.readmitted > 0;
+    if (change.rejected + change.readmitted > 0) return true;
   }
-  return changed;
+  if (!options.estimate_floor) return false;
+  const std::vector<double> floors =
+      EstimateFloors(*network, result->statistics, options.critical_value);
+  if (!FloorsMoved(*network, floors)) return false;
+  SetFloors(network, floors);
+  return true;
+}
+
+/// Sets aside what the robust start leaves beyond `limit` standard deviations:
+/// a wrong number hundreds of pixels off would bend every least-squares fit so
+/// far that the w-test points at good observations. The test re-admits what fits.
+void SetOutliersAside(Network* network, double limit) {
+  const std::vector<ObservationStatistics> residuals = PlainResiduals(*network);
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    NetworkObservation& o = network->observations[i];
+    const Eigen::Vector2d sigma = network->TotalCov(o).diagonal().cwiseSqrt();
+    o.used = o.used && residuals[i].valid &&
+             residuals[i].residual_px.cwiseQuotient(sigma).cwiseAbs().maxCoeff() < limit;
+  }
+}
+
+/// Holds every pose that fewer than `kMinPoints` used observations determine
+/// and sets those observations aside for good: a stage whose pictures were all
+/// rejected must not make the normal equations singular.
+bool HoldStarvedPoses(Network* network, std::vector<int>* rounds_out) {
+  constexpr int kMinPoints = 4;
+  std::vector<int> count(network->poses.size());
+  for (const NetworkObservation& o : network->observations) {
+    const NetworkImage& image = network->images[o.image];
+    count[image.inner] += o.used;
+    if (image.outer >= 0) count[image.outer] += o.used;
+  }
+  auto starved = [&](int pose) {
+    return pose >= 0 && network->poses[pose].free && count[pose] < kMinPoints;
+  };
+  bool held = false;
+  for (std::size_t i = 0; i < network->observations.size(); ++i) {
+    NetworkObservation& o = network->observations[i];
+    const NetworkImage& image = network->images[o.image];
+    if (!starved(image.inner) && !starved(image.outer)) continue;
+    o.used = false;
+    (*rounds_out)[i] = 2;
+    held = true;
+  }
+  for (std::size_t p = 0; p < count.size(); ++p) {
+    if (starved(static_cast<int>(p))) network->poses[p].free = false;
+  }
+  return held;
 }
 
 double SigmaZero(const Dispersion& dispersion) {
@@ -118,7 +159,10 @@ bool TestParameters(Network* network, const Dispersion& dispersion, const Adjust
 
 AdjustResult Adjust(Network* network, const AdjustOptions& options) {
   AdjustResult result;
-  if (options.robust_start) RobustStart(network, options);
+  if (options.robust_start) {
+    RobustStart(network, options);
+    if (options.critical_value > 0) SetOutliersAside(network, 2.0 * options.critical_value);
+  }
   BundleOptions bundle;
   bundle.num_threads = options.num_threads;
   std::vector<int> rounds_out(network->observations.size(), 0);
@@ -126,6 +170,8 @@ AdjustResult Adjust(Network* network, const AdjustOptions& options) {
     rounds_out[i] = network->observations[i].used ? 0 : 1;
   }
   for (int round = 1;; ++round) {
+    while (HoldStarvedPoses(network, &rounds_out)) {
+    }
     const BundleSummary summary = SolveBundle(network, bundle);
     const Dispersion dispersion(*network);
     CheckRedundancy(*network, dispersion);

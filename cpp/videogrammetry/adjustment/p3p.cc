@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 namespace videogrammetry {
@@ -53,6 +54,38 @@ std::vector<Rigid3> SolveP3P(const Eigen::Matrix3d& points_mm, const Eigen::Matr
     const double s1 = std::sqrt(s1_squared);
     const Eigen::Matrix3d in_cam =
         rays * Eigen::Vector3d(s1, u * s1, v * s1).asDiagonal();
+    poses.push_back(FitRigid3(in_cam.transpose(), points_mm.transpose()));
+  }
+  return poses;
+}
+
+std::vector<Rigid3> SolveWeakPerspective(const Eigen::Matrix3d& points_mm,
+                                         const Eigen::Matrix<double, 2, 3>& ideal_px, double f_px) {
+  const double r01 = (points_mm.col(1) - points_mm.col(0)).squaredNorm();
+  const double r02 = (points_mm.col(2) - points_mm.col(0)).squaredNorm();
+  const double r12 = (points_mm.col(2) - points_mm.col(1)).squaredNorm();
+  const double d01 = (ideal_px.col(1) - ideal_px.col(0)).squaredNorm();
+  const double d02 = (ideal_px.col(2) - ideal_px.col(0)).squaredNorm();
+  const double d12 = (ideal_px.col(2) - ideal_px.col(1)).squaredNorm();
+  // 16 times the squared areas of the triangle and of its picture (Heron).
+  auto heron = [](double a, double b, double c) {
+    return 2 * (a * b + b * c + c * a) - (a * a + b * b + c * c);
+  };
+  const double a = heron(r01, r02, r12), c = heron(d01, d02, d12);
+  const double b =
+      d01 * (-r01 + r02 + r12) + d02 * (r01 - r02 + r12) + d12 * (r01 + r02 - r12);
+  const double root = b * b - a * c;
+  if (!(a > 1e-8 * r01 * r02) || !(b > 0) || !(root >= 0)) return {};
+  const double scale2 = (b + std::sqrt(root)) / a, scale = std::sqrt(scale2);
+  const double h1 = std::sqrt(std::max(0.0, scale2 * r01 - d01));
+  double h2 = std::sqrt(std::max(0.0, scale2 * r02 - d02));
+  if (d01 + d02 - d12 > scale2 * (r01 + r02 - r12)) h2 = -h2;
+  std::vector<Rigid3> poses;
+  for (const double sign : {1.0, -1.0}) {
+    Eigen::Matrix3d in_cam;
+    in_cam.topRows<2>() = ideal_px;
+    in_cam.row(2) << f_px, f_px + sign * h1, f_px + sign * h2;
+    in_cam /= scale;
     poses.push_back(FitRigid3(in_cam.transpose(), points_mm.transpose()));
   }
   return poses;

@@ -19,4 +19,12 @@ namespace videogrammetry {
 /// @return cam_from_object, 0 to 4 of them (0 for collinear points).
 std::vector<Rigid3> SolveP3P(const Eigen::Matrix3d& points_mm, const Eigen::Matrix3d& rays);
 
+/// The two poses under weak perspective (Alter, IEEE PAMI 16 (1994), Eqs. 1-5):
+/// start values where the field is so narrow that Grunert's quartic has lost
+/// its digits; exact in the limit of a distant object.
+///
+/// @param ideal_px  columns: f (X/Z, Y/Z) of the three points.
+std::vector<Rigid3> SolveWeakPerspective(const Eigen::Matrix3d& points_mm,
+                                         const Eigen::Matrix<double, 2, 3>& ideal_px, double f_px);
+
 }  // namespace videogrammetry

@@ -134,12 +134,16 @@ std::vector<PoseCandidate> Sample(const Eigen::Ref<const Points3d>& points_mm,
   for (int i = 0; i < options.num_samples; ++i) {
     const auto triple = DrawTriple(ideal_px, &random);
     Eigen::Matrix3d points, rays;
+    Eigen::Matrix<double, 2, 3> pictures;
     for (int k = 0; k < 3; ++k) {
       points.col(k) = points_mm.row(triple[k]).transpose();
-      rays.col(k) =
-          Eigen::Vector3d(ideal_px(triple[k], 0), ideal_px(triple[k], 1), f_px).normalized();
+      pictures.col(k) = ideal_px.row(triple[k]).transpose();
+      rays.col(k) = Eigen::Vector3d(pictures(0, k), pictures(1, k), f_px).normalized();
     }
     for (const Rigid3& pose : SolveP3P(points, rays)) {
+      found.push_back(Judge(pose, points_mm, ideal_px, f_px, options.threshold_px));
+    }
+    for (const Rigid3& pose : SolveWeakPerspective(points, pictures, f_px)) {
       found.push_back(Judge(pose, points_mm, ideal_px, f_px, options.threshold_px));
     }
   }

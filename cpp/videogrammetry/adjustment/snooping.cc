@@ -28,11 +28,17 @@ SnoopingChange SnoopOnce(Network* network, const std::vector<ObservationStatisti
     const double wb = statistics[b].valid ? LargestW(statistics[b]) : HUGE_VAL;
     return wa != wb ? wa > wb : a < b;
   });
+  // A picture that fits nowhere (wrong synchronism, another target) goes as a whole.
+  std::vector<int> used(network->images.size()), bad(network->images.size());
+  for (const NetworkObservation& o : network->observations) used[o.image] += o.used;
+  for (const std::size_t i : suspects) ++bad[network->observations[i].image];
   std::vector<bool> image_taken(network->images.size()), point_taken(network->points.size());
   for (const std::size_t i : suspects) {
     NetworkObservation& o = network->observations[i];
-    if (image_taken[o.image] || point_taken[o.point]) continue;
-    image_taken[o.image] = point_taken[o.point] = true;
+    const bool whole = 2 * bad[o.image] > used[o.image];
+    if (!whole && (image_taken[o.image] || point_taken[o.point])) continue;
+    image_taken[o.image] = true;
+    if (!whole) point_taken[o.point] = true;
     o.used = false;
     ++(*rounds_out)[i];
     ++change.rejected;

@@ -15,7 +15,8 @@ struct SnoopingChange {
 /// Data snooping (Baarda's w-test), one round: rejects image points whose |w|
 /// in a coordinate exceeds the critical value, the largest first and only one
 /// a picture and one an object point, because an outlier spoils its neighbours'
-/// residuals; re-admits rejected ones that fit again.
+/// residuals; re-admits rejected ones that fit again. Of a picture with more
+/// than half of its points beyond the critical value, all those go at once.
 ///
 /// @param rounds_out  how often each observation has been rejected so far; one
 ///     that was re-admitted and rejected again stays out. Size of `observations`.

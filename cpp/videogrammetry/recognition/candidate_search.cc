@@ -39,8 +39,6 @@ class CandidateSearch {
         visits_((static_cast<std::size_t>(image.height() / row_step_) + 1) *
                 static_cast<std::size_t>(image.width())) {
     limits_.max_extent_px = static_cast<int>(max_diameter_) + 2;
-    // Convex: 2 (width + height); noise makes a border up to half as long again.
-    limits_.max_steps = 6 * limits_.max_extent_px;
   }
 
   std::vector<Candidate> Run() {
@@ -172,10 +170,8 @@ class CandidateSearch {
     if (m.end != ContourEnd::kClosed) return std::nullopt;
     const int width = m.max_x - m.min_x + 1, height = m.max_y - m.min_y + 1;
     if (width < 0.6 * min_diameter_ || height < 0.6 * min_diameter_) return std::nullopt;
-    // A convex border is as long as its bounding box's.
-    if (m.steps > 1.3 * 2 * (width + height) + 4) return std::nullopt;
-    const double likeness = EllipseLikeness(m);
-    if (likeness < 0.88 || likeness > 1.12) return std::nullopt;
+    // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
+    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
     const auto ellipse = EllipseFromMoments(m);
     if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return std::nullopt;
     // Half a pixel of freedom: the axes are judged after the fit.

@@ -14,12 +14,14 @@ namespace videogrammetry {
 /// Limits that end a contour early.
 struct ContourLimits {
   int max_extent_px = 200;  ///< width and height of the bounding box
-  int max_steps = 1000;     ///< pixel sides walked
+  /// Sides walked over those of the bounding box so far: 1 for a convex region,
+  /// whose walk is monotonous in both directions between its extremes.
+  double max_raggedness = 1.3;
 };
 
 enum class ContourEnd {
   kClosed,       ///< came back to its start
-  kTooLong,      ///< exceeds the limits: no target
+  kTooLong,      ///< exceeds the limits: no target (too large, or ragged)
   kLeavesImage,  ///< touches the picture's border
 };
 
@@ -95,8 +97,9 @@ ContourMoments FollowContour(const SignedImage<T>& image, const int x, const int
     } else {
       m.max_y = std::max(m.max_y, base_y + v - 1);
     }
-    if (++m.steps > limits.max_steps || m.max_x - m.min_x >= limits.max_extent_px ||
-        m.max_y - m.min_y >= limits.max_extent_px) {
+    const int width = m.max_x - m.min_x + 1, height = m.max_y - m.min_y + 1;
+    if (++m.steps > limits.max_raggedness * 2 * (width + height) + 4 ||
+        width > limits.max_extent_px || height > limits.max_extent_px) {
       m.end = ContourEnd::kTooLong;
       return m;
     }

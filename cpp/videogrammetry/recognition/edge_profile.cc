@@ -1,6 +1,7 @@
 #include "videogrammetry/recognition/edge_profile.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -46,20 +47,30 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
   p.u.resize(static_cast<std::size_t>(count));
   p.weight.resize(static_cast<std::size_t>(count));
   p.grey.resize(count, p.samples());
+  const Eigen::Vector2d reach =
+      frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(kProfileStepPx * kProfileReach);
+  const bool inside =
+      image.Covers(frame.center.x() - reach.x(), frame.center.y() - reach.y()) &&
+      image.Covers(frame.center.x() + reach.x(), frame.center.y() + reach.y());
+  const double turn = 2 * std::numbers::pi / count;
+  const Eigen::Rotation2Dd rotation(turn);
+  const Eigen::Matrix2d next = rotation.toRotationMatrix();
+  Eigen::Vector2d u(1.0, 0.0);
   double total = 0;
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; ++i, u = next * u) {
     const auto k = static_cast<std::size_t>(i);
-    const double t = 2 * std::numbers::pi * i / count;
-    const Eigen::Vector2d u(std::cos(t), std::sin(t));
     const Eigen::Vector2d point = frame.Point(u), normal = frame.Normal(u);
     p.u[k] = u;
     p.weight[k] = static_cast<float>((frame.shape * Eigen::Vector2d(-u.y(), u.x())).norm());
     total += p.weight[k];
     const auto nx = static_cast<float>(normal.x()), ny = static_cast<float>(normal.y());
-    const auto px = static_cast<float>(point.x()), py = static_cast<float>(point.y());
+    const float step_x = kProfileStepPx * nx, step_y = kProfileStepPx * ny;
+    const float px = static_cast<float>(point.x()) - static_cast<float>(p.inward) * step_x;
+    const float py = static_cast<float>(point.y()) - static_cast<float>(p.inward) * step_y;
+    float* grey = &p.grey(i, 0);
     for (int j = 0; j < p.samples(); ++j) {
-      const float d = kProfileStepPx * static_cast<float>(j - p.inward);
-      p.grey(i, j) = image.Bilinear(px + d * nx, py + d * ny);
+      const float x = px + static_cast<float>(j) * step_x, y = py + static_cast<float>(j) * step_y;
+      grey[j] = inside ? image.BilinearInside(x, y) : image.Bilinear(x, y);
     }
   }
   for (float& weight : p.weight) weight *= static_cast<float>(count / total);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 
 namespace videogrammetry {
 namespace {
@@ -86,6 +87,19 @@ struct Radius {
     sxy = static_cast<float>(c * s * (ia - ib));
     syy = static_cast<float>(s * s * ia + c * c * ib);
   }
+
+  /// First and last column of the window in which the row at py is within
+  /// `radius`; first > last where none is.
+  std::pair<int, int> Columns(float py, float radius, const GradientWindow& window) const {
+    // sxx x^2 + 2 sxy py x + syy py^2 = radius^2
+    const float middle = -sxy * py / sxx;
+    const float square = middle * middle - (syy * py * py - radius * radius) / sxx;
+    if (!(square > 0)) return {1, 0};
+    const float half = std::sqrt(square), offset = cx - static_cast<float>(window.x0());
+    return {std::max(1, static_cast<int>(std::ceil(offset + middle - half))),
+            std::min(window.width() - 2, static_cast<int>(std::floor(offset + middle + half)))};
+  }
+
   float cx, cy, sxx, sxy, syy;
 };
 
@@ -99,21 +113,31 @@ std::vector<Ridge> RidgesNearEllipse(const GradientWindow& window, const Ellipse
                                      float band, std::vector<float>* on_ellipse) {
   const Radius shape(ellipse);
   std::vector<Ridge> ridges;
+  const auto visit = [&](int x, int y) {
+    const float px = static_cast<float>(x + window.x0()) - shape.cx;
+    const float py = static_cast<float>(y + window.y0()) - shape.cy;
+    const float nx = shape.sxx * px + shape.sxy * py, ny = shape.sxy * px + shape.syy * py;
+    // First-order distance (Sampson): (q - 1) / |grad q|, q = p' S p.
+    const float q = nx * px + ny * py, slope = std::sqrt(nx * nx + ny * ny);
+    const float distance = 0.5f * std::abs(q - 1.0f);
+    if (distance > band * slope) return;
+    const std::size_t i = window.Index(x, y);
+    const float m = window.magnitude(i);
+    const float inward = -(window.gx(i) * nx + window.gy(i) * ny);
+    if (distance < 0.75f * slope) on_ellipse->push_back(inward > 0 ? m : 0.0f);
+    if (inward < kMinCosine * m * slope || !(m > 0) || !window.IsRidge(x, y)) return;
+    ridges.push_back({{x + window.x0(), y + window.y0(), -window.gx(i) / m, -window.gy(i) / m}, m});
+  };
+  // What is within the band lies between two ellipses of the same shape.
+  const float outer = 1.0f + band / static_cast<float>(ellipse.semi_minor_px);
+  const float inner = std::max(0.0f, 1.0f - band / static_cast<float>(ellipse.semi_minor_px));
   for (int y = 1; y + 1 < window.height(); ++y) {
-    for (int x = 1; x + 1 < window.width(); ++x) {
-      const float px = static_cast<float>(x + window.x0()) - shape.cx;
-      const float py = static_cast<float>(y + window.y0()) - shape.cy;
-      const float nx = shape.sxx * px + shape.sxy * py, ny = shape.sxy * px + shape.syy * py;
-      // First-order distance (Sampson): (q - 1) / |grad q|, q = p' S p.
-      const float q = nx * px + ny * py, slope = std::sqrt(nx * nx + ny * ny);
-      const float distance = 0.5f * std::abs(q - 1.0f);
-      if (distance > band * slope) continue;
-      const std::size_t i = window.Index(x, y);
-      const float m = window.magnitude(i);
-      const float inward = -(window.gx(i) * nx + window.gy(i) * ny);
-      if (distance < 0.75f * slope) on_ellipse->push_back(inward > 0 ? m : 0.0f);
-      if (inward < kMinCosine * m * slope || !(m > 0) || !window.IsRidge(x, y)) continue;
-      ridges.push_back({{x + window.x0(), y + window.y0(), -window.gx(i) / m, -window.gy(i) / m}, m});
+    const float py = static_cast<float>(y + window.y0()) - shape.cy;
+    const auto [first, last] = shape.Columns(py, outer, window);
+    const auto [hole_first, hole_last] = shape.Columns(py, inner, window);
+    for (int x = first; x <= last; ++x) {
+      if (x == hole_first + 1 && hole_last > x) x = hole_last;
+      visit(x, y);
     }
   }
   return ridges;

@@ -21,14 +21,11 @@ bool SamePlace(const Ellipse& a, const Ellipse& b) {
   return std::hypot(a.x_px - b.x_px, a.y_px - b.y_px) < reach;
 }
 
-/// Keeps the first of those found twice (at two grey levels).
-void AddUnlessKnown(const TargetEdge& edge, std::vector<Target>* targets) {
-  for (Target& known : *targets) {
-    if (!SamePlace(known.edge.ellipse, edge.ellipse)) continue;
-    if (edge.edge_rms_px < known.edge.edge_rms_px) known.edge = edge;
-    return;
-  }
-  targets->push_back({edge, {}});
+/// True for a candidate measured before (found again at another grey level).
+bool IsKnown(const Ellipse& candidate, const std::vector<Target>& targets) {
+  return std::any_of(targets.begin(), targets.end(), [&](const Target& known) {
+    return SamePlace(known.edge.ellipse, candidate);
+  });
 }
 
 bool HasRing(const Target& target) {
@@ -89,9 +86,9 @@ std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOption
   const int threshold = GradientThreshold(MeasureGreyStatistics(image));
   std::vector<Target> targets;
   for (const Candidate& candidate : FindCandidates(picture, options, threshold)) {
-    if (const auto edge = MeasureTargetEdge(picture, candidate, options)) {
-      AddUnlessKnown(*edge, &targets);
-    }
+    if (IsKnown(candidate.ellipse, targets)) continue;
+    const auto edge = MeasureTargetEdge(picture, candidate, options);
+    if (edge && !IsKnown(edge->ellipse, targets)) targets.push_back({*edge, {}});
   }
   if (family.num_bits > 0) {
     for (Target& target : targets) {

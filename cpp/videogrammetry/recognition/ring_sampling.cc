@@ -1,5 +1,6 @@
 #include "videogrammetry/recognition/ring_sampling.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -15,17 +16,23 @@ std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& d
                                 int count) {
   const EllipseFrame frame = EllipseFrame::From(dot.ellipse);
   const Eigen::Matrix2d scaled = radius * frame.shape;
+  const Eigen::Vector2d reach = scaled.rowwise().norm();
+  const bool inside =
+      image.Covers(frame.center.x() - reach.x(), frame.center.y() - reach.y()) &&
+      image.Covers(frame.center.x() + reach.x(), frame.center.y() + reach.y());
   const double scale = 1.0 / (dot.inside - dot.outside);
+  const Eigen::Matrix2d next =
+      Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
+  Eigen::Vector2d u(1.0, 0.0);
   std::vector<float> values(static_cast<std::size_t>(count));
-  for (int i = 0; i < count; ++i) {
-    const double t = 2 * std::numbers::pi * i / count;
-    const Eigen::Vector2d p = frame.center + scaled * Eigen::Vector2d(std::cos(t), std::sin(t));
-    auto& value = values[static_cast<std::size_t>(i)];
-    if (!image.Covers(p.x(), p.y())) {
+  for (float& value : values) {
+    const Eigen::Vector2d p = frame.center + scaled * u;
+    u = next * u;
+    if (!inside && !image.Covers(p.x(), p.y())) {
       value = std::numeric_limits<float>::quiet_NaN();
       continue;
     }
-    const float grey = image.Bilinear(static_cast<float>(p.x()), static_cast<float>(p.y()));
+    const float grey = image.BilinearInside(static_cast<float>(p.x()), static_cast<float>(p.y()));
     value = static_cast<float>((grey - dot.outside) * scale);
   }
   return values;
@@ -34,7 +41,7 @@ std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& d
 template <typename T>
 std::optional<RingSamples> SampleRing(const SignedImage<T>& image, const TargetEdge& dot,
                                       double ring_inner, double ring_outer, int num_bits) {
-  constexpr int kPerSector = 16;
+  constexpr int kPerSector = 12;
   const double width = ring_outer - ring_inner;
   const int count = kPerSector * num_bits;
   RingSamples s;

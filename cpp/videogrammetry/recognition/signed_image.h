@@ -30,8 +30,12 @@ class SignedImage {
   /// (1-a)(1-b) I(i,j) + a(1-b) I(i+1,j) + (1-a)b I(i,j+1) + ab I(i+1,j+1).
   /// Outside the picture the nearest border value is taken.
   float Bilinear(float x, float y) const {
-    x = std::clamp(x, 0.0f, static_cast<float>(width()) - 1.001f);
-    y = std::clamp(y, 0.0f, static_cast<float>(height()) - 1.001f);
+    return BilinearInside(std::clamp(x, 0.0f, static_cast<float>(width()) - 1.001f),
+                          std::clamp(y, 0.0f, static_cast<float>(height()) - 1.001f));
+  }
+
+  /// The same where Covers(x, y) is known to be true.
+  float BilinearInside(float x, float y) const {
     const int i = static_cast<int>(x), j = static_cast<int>(y);
     const float a = x - static_cast<float>(i), b = y - static_cast<float>(j);
     const T* upper = view_.row(j) + i;

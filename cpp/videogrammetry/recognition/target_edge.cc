@@ -31,6 +31,27 @@ double Median(std::vector<double> values) {
   return *middle;
 }
 
+/// A look at sixteen places before any work is done: a dot is brighter inside
+/// than outside all around.
+template <typename T>
+bool HasContrastAllAround(const SignedImage<T>& image, const Candidate& candidate) {
+  constexpr int kPlaces = 16, kMayFail = 1;
+  const EllipseFrame frame = EllipseFrame::From(candidate.ellipse);
+  const double inward = std::min(1.5, 0.6 * candidate.ellipse.semi_minor_px);
+  const float least = 0.5f * (candidate.inside - candidate.level);
+  int failed = 0;
+  for (int i = 0; i < kPlaces; ++i) {
+    const double t = 2 * std::numbers::pi * i / kPlaces;
+    const Eigen::Vector2d u(std::cos(t), std::sin(t));
+    const Eigen::Vector2f point = frame.Point(u).cast<float>();
+    const Eigen::Vector2f normal = frame.Normal(u).cast<float>();
+    const Eigen::Vector2f in = point - static_cast<float>(inward) * normal;
+    const Eigen::Vector2f out = point + 2.0f * normal;
+    failed += image.Bilinear(in.x(), in.y()) - image.Bilinear(out.x(), out.y()) < least;
+  }
+  return failed <= kMayFail;
+}
+
 /// Largest gap between the points' directions from the centre, on the circle
 /// that the ellipse is the picture of, as a length along a circle of the
 /// ellipse's mean radius.
@@ -130,7 +151,7 @@ std::optional<Refinement> Refine(const SignedImage<T>& image, const Ellipse& sta
     SelectProfiles(&r);
     const auto length = Step(&r);
     if (!length) return std::nullopt;
-    if (*length < 0.02) break;  // the next step would be of second order in it
+    if (*length < 0.05) break;  // the next step would be of second order in it
   }
   return r;
 }
@@ -230,6 +251,7 @@ template <typename T>
 std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
                                             const Candidate& candidate,
                                             const RecognitionOptions& options) {
+  if (!HasContrastAllAround(image, candidate)) return std::nullopt;
   const auto start = EllipseFromCanny(image, candidate.ellipse);
   if (!start) return std::nullopt;
   const auto refined = Refine(image, *start, options);

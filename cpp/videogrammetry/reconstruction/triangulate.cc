@@ -1,5 +1,6 @@
 #include "videogrammetry/reconstruction/triangulate.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <limits>
 #include <stdexcept>
@@ -13,8 +14,9 @@ namespace {
 using RowMatrix3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-void CheckArguments(const Rig& rig, const MatchArrays& matches,
-                    const Eigen::Ref<const Eigen::MatrixXd>& cov_rig) {
+using FrameMatrix = Eigen::Matrix<double, 3, 6>;
+
+void CheckArguments(const Rig& rig, const MatchArrays& matches) {
   if (matches.offsets.empty() || matches.offsets.front() != 0 ||
       matches.offsets.back() != static_cast<std::int64_t>(matches.camera.size())) {
     throw std::invalid_argument(
@@ -33,54 +35,149 @@ void CheckArguments(const Rig& rig, const MatchArrays& matches,
                                   " cameras");
     }
   }
+}
+
+void CheckCovariance(const Rig& rig, const RigCovariance& covariance) {
   const auto expected = static_cast<Eigen::Index>(rig.size()) * kNumCameraParameters;
-  if (cov_rig.rows() != 0 && (cov_rig.rows() != expected || cov_rig.cols() != expected)) {
-    throw std::invalid_argument("cov_rig: expected " + std::to_string(expected) + " rows, got " +
-                                std::to_string(cov_rig.rows()));
+  const Eigen::MatrixXd& c = covariance.parameters;
+  if (c.rows() != 0 && (c.rows() != expected || c.cols() != expected)) {
+    throw std::invalid_argument("rig covariance: expected " + std::to_string(expected) +
+                                " rows, got " + std::to_string(c.rows()));
+  }
+  const Eigen::MatrixXd& m = covariance.frame_by_parameters;
+  if (m.rows() != 0 && (m.rows() != 6 || m.cols() != expected)) {
+    throw std::invalid_argument("frame_by_parameters: expected (6, " + std::to_string(expected) +
+                                "), got (" + std::to_string(m.rows()) + ", " +
+                                std::to_string(m.cols()) + ")");
   }
 }
 
-// G C G^T with the derivatives of this point's sightings; see the header.
-Eigen::Matrix3d CalibrationPart(const Rig& rig, const std::vector<Sighting>& sightings,
-                                const Intersection& point,
-                                const Eigen::Ref<const Eigen::MatrixXd>& cov_rig) {
-  const auto n = static_cast<Eigen::Index>(sightings.size());
-  Eigen::Matrix<double, 3, Eigen::Dynamic> gain(3, n * kNumCameraParameters);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const Sighting& s = sightings[static_cast<std::size_t>(i)];
+std::vector<Sighting> SightingsOf(const MatchArrays& matches, std::size_t point) {
+  std::vector<Sighting> sightings;
+  for (auto m = static_cast<std::size_t>(matches.offsets[point]);
+       m < static_cast<std::size_t>(matches.offsets[point + 1]); ++m) {
+    Sighting s;
+    s.camera = matches.camera[m];
+    s.pixel = {matches.xy_px[2 * m], matches.xy_px[2 * m + 1]};
+    s.cov_px2 << matches.cov_px2[3 * m], matches.cov_px2[3 * m + 1], matches.cov_px2[3 * m + 1],
+        matches.cov_px2[3 * m + 2];
+    sightings.push_back(s);
+  }
+  return sightings;
+}
+
+// G, the derivative of the point by the parameters of the cameras that see it,
+// side by side in the order of the sightings; see the header.
+bool Gain(const Rig& rig, const std::vector<Sighting>& sightings, const Intersection& point,
+          Eigen::Matrix<double, 3, Eigen::Dynamic>* gain) {
+  gain->resize(3, static_cast<Eigen::Index>(sightings.size()) * kNumCameraParameters);
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    const Sighting& s = sightings[i];
     OrientedJacobians jacobians;
     if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point.position_mm,
                           &jacobians)) {
-      return Eigen::Matrix3d::Constant(kNan);
+      return false;
     }
-    gain.middleCols<kNumCameraParameters>(i * kNumCameraParameters) =
+    gain->middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(i) * kNumCameraParameters) =
         -point.cov_mm2 * jacobians.by_point.transpose() * s.cov_px2.inverse() *
         jacobians.by_camera;
   }
-  Eigen::Matrix3d part = Eigen::Matrix3d::Zero();
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index j = 0; j < n; ++j) {
-      const auto block = cov_rig.block<kNumCameraParameters, kNumCameraParameters>(
-          sightings[static_cast<std::size_t>(i)].camera * kNumCameraParameters,
-          sightings[static_cast<std::size_t>(j)].camera * kNumCameraParameters);
-      part += gain.middleCols<kNumCameraParameters>(i * kNumCameraParameters) * block *
-              gain.middleCols<kNumCameraParameters>(j * kNumCameraParameters).transpose();
-    }
-  }
-  return part;
+  return true;
 }
+
+// Displacement of a point by a small rotation and translation of the frame.
+FrameMatrix FrameEffect(const Eigen::Vector3d& x) {
+  FrameMatrix effect;
+  effect << 0, x.z(), -x.y(), 1, 0, 0, -x.z(), 0, x.x(), 0, 1, 0, x.y(), -x.x(), 0, 0, 0, 1;
+  return effect;
+}
+
+// The calibration's part of the points' covariance, prepared for many points:
+// with the frame's motion M, (G - A M) C (G - A M)^T is expanded so that only
+// the columns of the cameras that see the point are touched.
+class CalibrationPart {
+ public:
+  CalibrationPart(const Rig& rig, const RigCovariance& covariance)
+      : rig_(rig), c_(covariance.parameters) {
+    if (c_.rows() == 0 || covariance.frame_by_parameters.rows() == 0) return;
+    cm_ = c_ * covariance.frame_by_parameters.transpose();
+    mcm_ = covariance.frame_by_parameters * cm_;
+  }
+
+  bool empty() const { return c_.rows() == 0; }
+
+  Eigen::Matrix3d Of(const std::vector<Sighting>& sightings, const Intersection& point) const {
+    Eigen::Matrix<double, 3, Eigen::Dynamic> gain;
+    if (!Gain(rig_, sightings, point, &gain)) return Eigen::Matrix3d::Constant(kNan);
+    constexpr int kBlock = kNumCameraParameters;
+    Eigen::Matrix3d part = Eigen::Matrix3d::Zero();
+    Eigen::Matrix<double, 3, 6> gcm = Eigen::Matrix<double, 3, 6>::Zero();
+    for (std::size_t i = 0; i < sightings.size(); ++i) {
+      const auto gain_i = gain.middleCols<kBlock>(static_cast<Eigen::Index>(i) * kBlock);
+      for (std::size_t j = 0; j < sightings.size(); ++j) {
+        part += gain_i *
+                c_.block<kBlock, kBlock>(sightings[i].camera * kBlock,
+                                         sightings[j].camera * kBlock) *
+                gain.middleCols<kBlock>(static_cast<Eigen::Index>(j) * kBlock).transpose();
+      }
+      if (cm_.rows() != 0) gcm += gain_i * cm_.middleRows<kBlock>(sightings[i].camera * kBlock);
+    }
+    if (cm_.rows() == 0) return part;
+    const FrameMatrix effect = FrameEffect(point.position_mm);
+    const Eigen::Matrix3d cross = gcm * effect.transpose();
+    return part - cross - cross.transpose() + effect * mcm_ * effect.transpose();
+  }
+
+ private:
+  const Rig& rig_;
+  const Eigen::MatrixXd& c_;
+  Eigen::MatrixXd cm_;                 // C M^T
+  Eigen::Matrix<double, 6, 6> mcm_;    // M C M^T
+};
 
 }  // namespace
 
+Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches) {
+  CheckArguments(rig, matches);
+  Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::MatrixXd right =
+      Eigen::MatrixXd::Zero(6, static_cast<Eigen::Index>(rig.size()) * kNumCameraParameters);
+  int used = 0;
+  for (std::size_t i = 0; i + 1 < matches.offsets.size(); ++i) {
+    const std::vector<Sighting> sightings = SightingsOf(matches, i);
+    Intersection point;
+    Eigen::Matrix<double, 3, Eigen::Dynamic> gain;
+    if (Intersect(rig, sightings, &point) != IntersectionStatus::kOk ||
+        !Gain(rig, sightings, point, &gain)) {
+      continue;
+    }
+    const FrameMatrix effect = FrameEffect(point.position_mm);
+    normal += effect.transpose() * effect;
+    for (std::size_t k = 0; k < sightings.size(); ++k) {
+      right.middleCols<kNumCameraParameters>(sightings[k].camera * kNumCameraParameters) +=
+          effect.transpose() * gain.middleCols<kNumCameraParameters>(
+                                   static_cast<Eigen::Index>(k) * kNumCameraParameters);
+    }
+    ++used;
+  }
+  if (used < 3) {
+    throw std::invalid_argument("frame of the covariance: needs at least 3 points, got " +
+                                std::to_string(used));
+  }
+  return normal.ldlt().solve(right);
+}
+
 TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
-                               const Eigen::Ref<const Eigen::MatrixXd>& cov_rig,
+                               const RigCovariance& rig_covariance,
                                const TriangulationOptions& options) {
-  CheckArguments(rig, matches, cov_rig);
+  CheckArguments(rig, matches);
+  CheckCovariance(rig, rig_covariance);
+  const CalibrationPart calibration(rig, rig_covariance);
   const std::size_t count = matches.offsets.size() - 1;
   TriangulatedPoints points;
   points.position_mm.assign(3 * count, kNan);
   points.cov_image.assign(9 * count, kNan);
-  points.cov_rig.assign(9 * count, cov_rig.rows() == 0 ? 0.0 : kNan);
+  points.cov_rig.assign(9 * count, calibration.empty() ? 0.0 : kNan);
   points.chi2.assign(count, kNan);
   points.convergence_rad.assign(count, kNan);
   points.residual_px.assign(2 * matches.camera.size(), kNan);
@@ -89,17 +186,7 @@ TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
   auto one = [&](int index) {
     const auto i = static_cast<std::size_t>(index);
     const auto begin = static_cast<std::size_t>(matches.offsets[i]);
-    const auto end = static_cast<std::size_t>(matches.offsets[i + 1]);
-    std::vector<Sighting> sightings;
-    sightings.reserve(end - begin);
-    for (std::size_t m = begin; m < end; ++m) {
-      Sighting s;
-      s.camera = matches.camera[m];
-      s.pixel = {matches.xy_px[2 * m], matches.xy_px[2 * m + 1]};
-      s.cov_px2 << matches.cov_px2[3 * m], matches.cov_px2[3 * m + 1], matches.cov_px2[3 * m + 1],
-          matches.cov_px2[3 * m + 2];
-      sightings.push_back(s);
-    }
+    const std::vector<Sighting> sightings = SightingsOf(matches, i);
     Intersection point;
     const IntersectionStatus status = Intersect(rig, sightings, &point);
     points.status[i] = static_cast<std::uint8_t>(status);
@@ -112,9 +199,8 @@ TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
       points.residual_px[2 * (begin + k)] = point.residuals_px[k].x();
       points.residual_px[2 * (begin + k) + 1] = point.residuals_px[k].y();
     }
-    if (cov_rig.rows() != 0) {
-      Eigen::Map<RowMatrix3>(&points.cov_rig[9 * i]) =
-          CalibrationPart(rig, sightings, point, cov_rig);
+    if (!calibration.empty()) {
+      Eigen::Map<RowMatrix3>(&points.cov_rig[9 * i]) = calibration.Of(sightings, point);
     }
   };
   ParallelFor(static_cast<int>(count), options.num_threads, one);

@@ -32,19 +32,41 @@ struct TriangulatedPoints {
   std::vector<std::uint8_t> status;  ///< (P) IntersectionStatus
 };
 
+/// What the calibration leaves uncertain, and in which frame that is stated.
+///
+/// A calibration determines the cameras relative to each other; where the
+/// frame itself lies (say, on the axes of the first camera) is a definition.
+/// Stated in that camera's axes, every point carries the uncertainty of its
+/// principal point and direction, although it moves all points alike and harms
+/// no distance, shape or motion. `Datum` takes out the rigid motion that an
+/// error of the parameters shares over a set of points, the inner constraints
+/// (S-transformation, Baarda 1973): sum over the points of A^T dX = 0,
+/// A = [-[X]_x, I].
+struct RigCovariance {
+  /// (16 K, 16 K), camera by camera as kNumCameraParameters says; 0 rows: none.
+  Eigen::MatrixXd parameters;
+  /// (6, 16 K) rotation vector and translation of the frame by the parameters;
+  /// 0 rows: the covariance stays in the rig's axes.
+  Eigen::MatrixXd frame_by_parameters;
+};
+
+/// The rigid motion, by the cameras' parameters, that the points of `matches`
+/// share: the `frame_by_parameters` of RigCovariance. Points that cannot be
+/// intersected are left out.
+/// @throws std::invalid_argument if fewer than three points remain.
+Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches);
+
 /// Triangulates many points with the cameras' orientation held.
 ///
 /// Two covariances per point: cov_image = (J^T W J)^-1, and the calibration's
 /// part G C G^T with G = -(J^T W J)^-1 J^T W A, A the derivatives of the
-/// pictures by the cameras' parameters and C their covariance. Errors of the
-/// calibration are common to all points of a rig; cov_rig is the part of one
-/// point alone.
+/// pictures by the cameras' parameters and C their covariance, in the frame
+/// that RigCovariance says. Errors of the calibration are common to all points
+/// of a rig; cov_rig is the part of one point alone.
 ///
-/// @param cov_rig  covariance of all cameras' parameters, (16 K, 16 K), ordered
-///     camera by camera as kNumCameraParameters says; or 0 rows for none.
 /// @throws std::invalid_argument on inconsistent sizes or a camera index out of range.
 TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
-                               const Eigen::Ref<const Eigen::MatrixXd>& cov_rig,
+                               const RigCovariance& rig_covariance = {},
                                const TriangulationOptions& options = {});
 
 }  // namespace videogrammetry

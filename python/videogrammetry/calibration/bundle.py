@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.adjustment import Adjustment, Network
-from videogrammetry.calibration.linking import Rigid
+from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CameraFrames, Rejection
 from videogrammetry.calibration.start import CameraStart
-from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet
+from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet
 
 #: What may be dropped when a camera's free parameters are not chosen.
 DISTORTION_NAMES = INTERIOR_NAMES[3:]
@@ -28,9 +29,10 @@ def offered_names(camera: CameraFrames) -> tuple[str, ...]:
 class Bundle:
     """A network with the pictures behind it.
 
-    ``camera_of``: the project's camera of each of the network's; ``pictures``:
-    one a network image; ``stage_pose``: network pose of a stage (joint) or of a
-    picture (mean); ``rows``: network observations of each picture.
+    ``camera_of``: the project's camera of each of the network's; ``outer``: the
+    network pose of each camera in the rig (none where every picture has a pose
+    of its own); ``pictures``: one a network image; ``stage_pose``: the network
+    pose of a stage.
     """
 
     network: Network
@@ -39,7 +41,19 @@ class Bundle:
     pictures: list[Picture] = field(default_factory=list)
     stage_pose: dict[int, int] = field(default_factory=dict)
 
-    def set_observations(self, used: FloatArray | None = None) -> None:
+    def network_camera(self, image: int) -> int:
+        """The network's camera of a picture."""
+        return self.camera_of.index(self.pictures[image].camera)
+
+    def cam_from_target(self, image: int) -> Rigid:
+        """A picture's pose as it stands."""
+        picture = self.pictures[image]
+        inner = self.network.pose(self.stage_pose[picture.stage])
+        if not self.outer:
+            return inner
+        return compose(self.network.pose(self.outer[picture.camera]), inner)
+
+    def set_observations(self, used: npt.NDArray[np.bool_] | None = None) -> None:
         """Hand the pictures' points to the network (again)."""
         image = np.concatenate([np.full(len(p), i) for i, p in enumerate(self.pictures)])
         self.network.set_observations(
@@ -51,12 +65,12 @@ class Bundle:
         )
 
     @property
-    def image_of(self) -> FloatArray:
+    def image_of(self) -> IntArray:
         """(M,) picture of every observation."""
         return np.concatenate([np.full(len(p), i, np.int32) for i, p in enumerate(self.pictures)])
 
     @property
-    def point_of(self) -> FloatArray:
+    def point_of(self) -> IntArray:
         """(M,) row of the target of every observation."""
         return np.concatenate([p.point for p in self.pictures])
 
@@ -96,6 +110,28 @@ def joint_bundle(
     return bundle
 
 
+def single_bundle(
+    camera: CameraFrames,
+    index: int,
+    start: CameraStart,
+    pictures: Sequence[Picture],
+    cam_from_target: Mapping[int, Rigid],
+    target: PointSet,
+) -> Bundle:
+    """One camera alone: a pose of its own for every picture, target points fixed (Eq. 5)."""
+    network = Network()
+    bundle = Bundle(network=network, camera_of=[index], outer=[])
+    network.add_camera(camera.name, start.model, free=offered_names(camera), start=start.held)
+    for picture in pictures:
+        pose = network.add_pose(picture.image, *cam_from_target[picture.stage])
+        network.add_image(picture.image, 0, inner=pose)
+        bundle.stage_pose[picture.stage] = pose
+        bundle.pictures.append(picture)
+    network.set_points(target.id, target.position_mm)
+    bundle.set_observations()
+    return bundle
+
+
 def offered(cameras: Sequence[CameraFrames]) -> list[Sequence[str]]:
     """Per camera, what the significance test may drop."""
     return [DISTORTION_NAMES if camera.free is None else () for camera in cameras]
@@ -107,6 +143,18 @@ def observation_rejections(
     """A line for every observation that the data snooping left out."""
     rejected = []
     images, points = bundle.image_of, bundle.point_of
+    for image, picture in enumerate(bundle.pictures):
+        out = ~adjustment.used[images == image]
+        if 2 * out.sum() > len(picture):
+            residual = rms_px(adjustment.residual_px[images == image])
+            rejected.append(
+                Rejection(
+                    kind="image", camera=names[picture.camera], image=picture.image,
+                    point_id=None, value=residual,
+                    reason=f"{out.sum()} of its {len(picture)} points do not fit the other "
+                    f"pictures (RMS {residual:.2f} px): not synchronous, moved, or badly read",
+                )  # fmt: skip
+            )
     for i in np.flatnonzero(~adjustment.used):
         picture = bundle.pictures[images[i]]
         residual = float(np.hypot(*adjustment.residual_px[i]))
@@ -118,7 +166,12 @@ def observation_rejections(
                 reason=f"normalised residual {w:.1f} ({residual:.2f} px)",
             )  # fmt: skip
         )
-    return sorted(rejected, key=lambda r: -r.value)
+    return sorted(rejected, key=lambda r: (r.kind, -r.value))
+
+
+def rms_px(residual_px: FloatArray) -> float:
+    """RMS per coordinate; 0 of nothing."""
+    return float(np.sqrt(np.mean(residual_px**2))) if residual_px.size else 0.0
 
 
 def dropped_rejections(

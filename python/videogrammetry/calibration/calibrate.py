@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 
-import numpy as np
-
-from videogrammetry.calibration.joint import exterior_covariance, solve_joint
+from videogrammetry.calibration.joint import calibrate_joint
+from videogrammetry.calibration.linking import link_cameras
+from videogrammetry.calibration.mean import calibrate_mean
 from videogrammetry.calibration.pictures import check_input, collect_pictures, target_covariance
-from videogrammetry.calibration.result import observation_table, rig_data, rms_px
+from videogrammetry.calibration.result import calibration_run
 from videogrammetry.calibration.run import CalibrationOptions, CalibrationRun, CameraFrames
 from videogrammetry.calibration.start import start_camera
-from videogrammetry.types import PointSet, RigCamera, cov6_from_matrix
+from videogrammetry.calibration.volume import with_volume
+from videogrammetry.types import PointSet
+
+METHODS = ("joint", "mean")
 
 
 def calibrate(
@@ -21,46 +23,56 @@ def calibrate(
     target: PointSet,
     options: CalibrationOptions | None = None,
 ) -> CalibrationRun:
+    """Interior and relative orientation of 1 to 64 cameras from pictures of a known target.
+
+    Needs no start values. Pictures of equal ``stage`` are synchronous: the
+    target stood still relative to the rig's clock. Cameras are tied together
+    by the stages they share, not by shared points: a two-sided target, each
+    side seen by another pair, ties all four.
+
+    "joint" minimises v'Pv over the interior parameters, one constant pose a
+    camera (cam_from_rig, the first camera's frame), one pose a stage
+    (rig_from_target) and the target's coordinates, observed with their
+    covariance: Hu et al. (2012), Eq. 4, with constant relative poses. "mean"
+    is the paper's own way (Eqs. 5-8). In both, image points are weighted by
+    their covariance plus an estimated floor per camera, outliers are rejected
+    by Baarda's w-test, distortion parameters are tested for significance where
+    ``free`` is None, and targets without a number are assigned to the target's
+    points from where they are expected.
+
+    Parameters
+    ----------
+    cameras : the cameras' pictures in the project's order.
+    target : known points; unknown numbers in pictures are counted and left out.
+    options : see :class:`CalibrationOptions`.
+
+    Raises
+    ------
+    CalibrationError : cause, place and remedy in one paragraph.
+    ValueError : malformed input.
+
+    References
+    ----------
+    Hu et al., A four-camera videogrammetric system for 3-D motion measurement
+    of deformable object, Optics and Lasers in Engineering 50 (2012) 800-811.
+    """
     options = options or CalibrationOptions()
+    if options.method not in METHODS:
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {options.method!r}")
     began = time.perf_counter()
     check_input(cameras, target)
     pictures = collect_pictures(cameras, target)
     starts = [start_camera(c, pictures.of_camera(i), target) for i, c in enumerate(cameras)]
-    cov = target_covariance(target, options)
-    solution = solve_joint(cameras, starts, pictures, target, cov, options)
-    bundle, adjustment = solution.bundle, solution.adjustment
-    network = bundle.network
-    _, cov_exterior = exterior_covariance(solution)
-    floors = [network.floor_px(i) for i in range(len(cameras))]
-    models = []
-    for i, start in enumerate(starts):
-        rotation, translation = network.pose(bundle.outer[i])
-        models.append(
-            RigCamera(image_size_px=start.model.image_size_px, interior=network.interior(i),
-                      r0_px=start.model.r0_px, rotation=rotation, translation_mm=translation)
+    rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, target)
+    for camera, stage in rig.dropped:
+        del starts[camera].poses[stage]
+    if options.method == "mean":
+        outcome = calibrate_mean(cameras, starts, rig, pictures, target, options)
+    else:
+        cov = target_covariance(target, options)
+        outcome = calibrate_joint(cameras, starts, rig, pictures, target, cov, options)
+    return with_volume(
+        calibration_run(
+            cameras, starts, pictures, target, options, outcome, time.perf_counter() - began
         )
-    table = observation_table(bundle, adjustment, floors, target)
-    how = {"method": "joint", "options": asdict(options)}
-    s2 = adjustment.sigma0**2
-    return CalibrationRun(
-        rig=rig_data(cameras, models, cov_exterior, floors, how),
-        method="joint",
-        camera_names=tuple(c.name for c in cameras),
-        image_names={(cameras[p.camera].name, p.stage): p.image for p in pictures.pictures},
-        rig_from_target={s: network.pose(k) for s, k in bundle.stage_pose.items()},
-        target=PointSet(id=target.id, position_mm=network.positions_mm,
-                        cov_mm2=s2 * cov6_from_matrix(solution.dispersion.point_cov_mm2),
-                        normal=target.normal, diameter_mm=target.diameter_mm),
-        observations=table,
-        sigma0=adjustment.sigma0,
-        rms_px=rms_px(table.residual_px[table.used]),
-        redundancy=adjustment.redundancy,
-        num_unknowns=adjustment.num_unknowns,
-        num_observations=adjustment.num_observations,
-        camera_rms_px={c.name: adjustment.cameras[i].rms_px for i, c in enumerate(cameras)},
-        camera_count={c.name: adjustment.cameras[i].count for i, c in enumerate(cameras)},
-        parameters_kept={c.name: network.free(i) for i, c in enumerate(cameras)},
-        rejected=(*pictures.rejected, *(r for s in starts for r in s.rejected), *solution.rejected),
-        warnings=(*pictures.warnings, *solution.warnings),
-        seconds=time.perf_counter() - began,
     )

@@ -3,80 +3,65 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from videogrammetry.adjustment import Adjustment, AdjustOptions, Dispersion
-from videogrammetry.calibration.bundle import (
-    Bundle,
-    dropped_rejections,
-    joint_bundle,
-    observation_rejections,
-    offered,
-)
-from videogrammetry.calibration.linking import link_cameras
+from videogrammetry.calibration.bundle import joint_bundle
+from videogrammetry.calibration.linking import RigStart
+from videogrammetry.calibration.mirrored import settle_doubtful
 from videogrammetry.calibration.pictures import Pictures
-from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
+from videogrammetry.calibration.result import Outcome
+from videogrammetry.calibration.run import CalibrationOptions, CameraFrames
+from videogrammetry.calibration.solving import Solution, solve
 from videogrammetry.calibration.start import CameraStart
 from videogrammetry.types import FloatArray, PointSet
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointSolution:
-    """The adjusted network with everything that was left out."""
-
-    bundle: Bundle
-    adjustment: Adjustment
-    dispersion: Dispersion
-    rejected: tuple[Rejection, ...]
-    warnings: tuple[str, ...]
-
-
-def solve_joint(
+def calibrate_joint(
     cameras: Sequence[CameraFrames],
     starts: Sequence[CameraStart],
+    rig: RigStart,
     pictures: Pictures,
     target: PointSet,
     target_cov: FloatArray,
     options: CalibrationOptions,
-) -> JointSolution:
-    """Adjust all cameras together (the paper's Eq. 4 with weighted target coordinates)."""
-    names = [camera.name for camera in cameras]
-    rig = link_cameras(names, starts, pictures.pictures, target)
+) -> Outcome:
+    """Adjust all cameras together (the paper's Eq. 4, with observed target coordinates)."""
     bundle = joint_bundle(
         cameras, starts, pictures.pictures, rig.cam_from_rig, rig.rig_from_target, target, target_cov
     )
-    adjust = AdjustOptions(
-        critical_value=options.critical_value,
-        significance=options.significance,
-        num_threads=options.num_threads,
+    f_given = [start.f_given for start in starts]
+    solution = solve(bundle, cameras, f_given, target, options)
+    changed, warnings = settle_doubtful(solution, rig.doubtful)
+    if changed:
+        solution = solve(bundle, cameras, f_given, target, options)
+    network, adjustment = bundle.network, solution.adjustment
+    return Outcome(
+        solutions=(solution,),
+        interior=[network.interior(i) for i in range(len(cameras))],
+        cam_from_rig=[network.pose(pose) for pose in bundle.outer],
+        rig_from_target={s: network.pose(pose) for s, pose in bundle.stage_pose.items()},
+        cov=camera_covariance(solution),
+        position_mm=network.positions_mm,
+        point_cov_mm2=adjustment.sigma0**2 * solution.dispersion.point_cov_mm2,
+        rejected=rig.rejected,
+        warnings=warnings,
     )
-    adjustment = bundle.network.adjust(adjust, offered(cameras))
-    dispersion = bundle.network.dispersion()
-    rejected = dropped_rejections(adjustment, bundle.camera_of, names)
-    rejected += observation_rejections(bundle, adjustment, names, target)
-    return JointSolution(
-        bundle=bundle, adjustment=adjustment, dispersion=dispersion,
-        rejected=tuple(rejected), warnings=(),
-    )  # fmt: skip
 
 
-def exterior_covariance(solution: JointSolution) -> tuple[FloatArray, FloatArray]:
-    """Places of every camera's 16 parameters and their a-posteriori covariance (16 C, 16 C).
+def camera_covariance(solution: Solution) -> FloatArray:
+    """A-posteriori covariance (16 C, 16 C) of the cameras' interior and exterior parameters.
 
-    Held parameters (and the reference camera's exterior orientation) have no variance.
+    Held parameters (and the reference camera's pose) have no variance.
     """
     dispersion = solution.dispersion
-    places = []
+    places: list[int] = []
     for camera, pose in enumerate(solution.bundle.outer):
-        places += list(dispersion.interior_index[camera])
-        first = dispersion.pose_index[pose]
+        places += [int(p) for p in dispersion.interior_index[camera]]
+        first = int(dispersion.pose_index[pose])
         places += [first + k if first >= 0 else -1 for k in range(6)]
     place = np.array(places)
-    estimated = place >= 0
+    free = np.flatnonzero(place >= 0)
     cov = np.zeros((len(place), len(place)))
-    cov[np.ix_(estimated, estimated)] = (
-        solution.adjustment.sigma0**2 * dispersion.cov[np.ix_(place[estimated], place[estimated])]
-    )
-    return place, cov
+    cov[np.ix_(free, free)] = dispersion.cov[np.ix_(place[free], place[free])]
+    return solution.adjustment.sigma0**2 * cov

@@ -10,6 +10,7 @@ import numpy as np
 
 from videogrammetry.adjustment import PoseCandidate
 from videogrammetry.calibration.pictures import Picture
+from videogrammetry.calibration.run import Rejection
 from videogrammetry.calibration.start import CameraStart
 from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import nearest_rotation, project
@@ -18,6 +19,8 @@ from videogrammetry.types import FloatArray, PointSet
 #: Relative poses of one pair of cameras that differ by more belong to a wrong
 #: candidate of a stage; a resection in a narrow field scatters by less.
 SAME_RAD = 0.1
+#: A picture further from its stage's pose (median, in gates of the start) does not belong to it.
+MISFIT_GATES = 6.0
 
 Rigid = tuple[FloatArray, FloatArray]
 
@@ -38,12 +41,15 @@ class RigStart:
 
     ``cam_from_rig`` per camera (the reference's is the identity),
     ``rig_from_target`` per stage; ``doubtful``: stages whose mirrored pose fits
-    nearly as well, with that pose.
+    nearly as well, with that pose; ``rejected``: pictures (camera, stage) that
+    do not fit their stage.
     """
 
     cam_from_rig: list[Rigid]
     rig_from_target: dict[int, Rigid]
     doubtful: dict[int, Rigid]
+    rejected: tuple[Rejection, ...]
+    dropped: frozenset[tuple[int, int]]
 
 
 def link_cameras(
@@ -76,16 +82,37 @@ def link_cameras(
         p, c = -placed, -loose
         base = cam_from_rig[p]
         assert base is not None
-        cam_from_rig[c] = compose(_relative_pose(starts[c], starts[p]), base)
+        cam_from_rig[c] = compose(
+            _relative_pose((names[c], names[p]), starts[c], starts[p]), base
+        )
     cams = [pose for pose in cam_from_rig if pose is not None]
     rig_from_target: dict[int, Rigid] = {}
     doubtful: dict[int, Rigid] = {}
+    rejected = []
+    dropped = set()
     for stage in sorted(set().union(*stages)):
-        best, twin = _stage_pose(stage, starts, cams, pictures, target)
+        seen = [p for p in pictures if p.stage == stage and stage in starts[p.camera].poses]
+        best, twin = _stage_pose(seen, starts, cams, target)
         rig_from_target[stage] = best
         if twin is not None:
             doubtful[stage] = twin
-    return RigStart(cam_from_rig=cams, rig_from_target=rig_from_target, doubtful=doubtful)
+        for p in seen:
+            start = starts[p.camera]
+            misfit = _misfit_px(start, compose(cams[p.camera], best), p, target)
+            if misfit > MISFIT_GATES * start.gate_px:
+                dropped.add((p.camera, stage))
+                rejected.append(
+                    Rejection(
+                        kind="image", camera=names[p.camera], image=p.image, point_id=None,
+                        value=misfit,
+                        reason=f"disagrees with the other cameras' pictures of stage {stage} by "
+                        f"about {misfit:.0f} px: not synchronous, or the camera moved",
+                    )  # fmt: skip
+                )
+    return RigStart(
+        cam_from_rig=cams, rig_from_target=rig_from_target, doubtful=doubtful,
+        rejected=tuple(rejected), dropped=frozenset(dropped),
+    )  # fmt: skip
 
 
 def _raise_unlinked(
@@ -128,8 +155,15 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
     return result
 
 
-def _relative_pose(camera: CameraStart, other: CameraStart) -> Rigid:
-    """camera_from_other: consensus over the shared stages and their candidates."""
+def _relative_pose(
+    names: tuple[str, str], camera: CameraStart, other: CameraStart
+) -> Rigid:
+    """camera_from_other: consensus over the shared stages and their candidates.
+
+    Raises
+    ------
+    CalibrationError : no relative pose holds for most of the shared stages.
+    """
     rotations, shifts, stage_of, excess = [], [], [], []
     for stage in sorted(set(camera.poses) & set(other.poses)):
         for a, b in product(camera.poses[stage], other.poses[stage]):
@@ -142,11 +176,26 @@ def _relative_pose(camera: CameraStart, other: CameraStart) -> Rigid:
             excess.append(_excess(a, camera.poses[stage]) + _excess(b, other.poses[stage]))
     rotation_array, shift_array = np.array(rotations), np.array(shifts)
     stage_array, excess_array = np.array(stage_of), np.array(excess)
+    distance_mm = np.median(
+        [np.linalg.norm(c.translation_mm) for s in (camera, other) for p in s.poses.values()
+         for c in p]
+    )  # fmt: skip
     angle = _angle(rotation_array[:, None], rotation_array[None])
-    score = np.minimum(angle / SAME_RAD, 1.0) + excess_array[None]
-    total = sum(score[:, stage_array == s].min(axis=1) for s in np.unique(stage_array))
+    offset = np.linalg.norm(shift_array[:, None] - shift_array[None], axis=2) / distance_mm
+    apart = np.maximum(angle, offset) / SAME_RAD
+    score = np.minimum(apart, 1.0) + excess_array[None]
+    stages = np.unique(stage_array)
+    total = sum(score[:, stage_array == s].min(axis=1) for s in stages)
     best = int(np.argmin(np.asarray(total) + excess_array))
-    near = angle[best] < SAME_RAD
+    near = apart[best] < 1.0
+    agreeing = len(np.unique(stage_array[near]))
+    if len(stages) > 1 and 2 * agreeing <= len(stages):
+        raise CalibrationError(
+            f"the pose of camera {names[0]} relative to {names[1]} is not constant: only "
+            f"{agreeing} of {len(stages)} shared stages ({_ranges([int(s) for s in stages])}) "
+            "agree. Equal stages of the two are not synchronous (a picture missing at the start?), "
+            "or a camera moved between the pictures"
+        )
     rotation = nearest_rotation(rotation_array[near].sum(axis=0))
     return rotation, np.median(shift_array[near], axis=0)
 
@@ -158,18 +207,16 @@ def _excess(candidate: PoseCandidate, all_of_picture: Sequence[PoseCandidate]) -
 
 
 def _stage_pose(
-    stage: int,
+    seen: Sequence[Picture],
     starts: Sequence[CameraStart],
     cams: Sequence[Rigid],
-    pictures: Sequence[Picture],
     target: PointSet,
 ) -> tuple[Rigid, Rigid | None]:
     """The stage's pose that fits its pictures best, and its twin if that fits nearly as well."""
-    seen = [p for p in pictures if p.stage == stage and stage in starts[p.camera].poses]
     seen = sorted(seen, key=len, reverse=True)[:8]
     trials: list[tuple[float, Rigid]] = []
     for picture in seen[:4]:
-        for candidate in starts[picture.camera].poses[stage]:
+        for candidate in starts[picture.camera].poses[picture.stage]:
             pose = compose(
                 invert(cams[picture.camera]), (candidate.rotation, candidate.translation_mm)
             )
@@ -185,9 +232,18 @@ def _stage_pose(
     return best, None
 
 
-def _cost(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> float:
+def _distances(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> FloatArray:
     in_cam = target.position_mm[picture.point] @ pose[0].T + pose[1]
-    square = np.sum((project(start.model, in_cam) - picture.xy_px) ** 2, axis=1)
-    # Relative poses are still rough: a gate ten times a resection's.
-    limit = (10.0 * start.gate_px) ** 2
-    return float(np.minimum(np.nan_to_num(square, nan=limit), limit).mean())
+    return np.linalg.norm(project(start.model, in_cam) - picture.xy_px, axis=1)
+
+
+def _misfit_px(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> float:
+    """Median distance of a picture's points from where the pose puts them."""
+    return float(np.median(np.nan_to_num(_distances(start, pose, picture, target), nan=np.inf)))
+
+
+def _cost(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> float:
+    # Relative poses are still rough: a limit ten times a resection's gate.
+    limit = 10.0 * start.gate_px
+    distance = np.nan_to_num(_distances(start, pose, picture, target), nan=limit)
+    return float(np.mean(np.minimum(distance, limit) ** 2))

@@ -1,69 +1,176 @@
-"""From an adjusted network to a :class:`CalibrationRun`."""
+"""From adjusted networks to a :class:`CalibrationRun`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from videogrammetry.adjustment import Adjustment
-from videogrammetry.calibration.bundle import POSE_NAMES, Bundle
-from videogrammetry.calibration.run import CameraFrames, ObservationTable
-from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet, RigCamera, RigData
+from videogrammetry.calibration.bundle import POSE_NAMES, rms_px
+from videogrammetry.calibration.linking import Rigid
+from videogrammetry.calibration.pictures import Pictures
+from videogrammetry.calibration.run import (
+    CalibrationOptions,
+    CalibrationRun,
+    CameraFrames,
+    ObservationTable,
+    Rejection,
+)
+from videogrammetry.calibration.solving import Solution
+from videogrammetry.calibration.start import CameraStart
+from videogrammetry.types import (
+    INTERIOR_NAMES,
+    FloatArray,
+    PointSet,
+    RigCamera,
+    RigData,
+    cov6_from_matrix,
+)
 
 #: Order of a camera's sixteen parameters in the covariance of a rig.
 CAMERA_PARAMETERS = (*INTERIOR_NAMES, *POSE_NAMES)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a method of calibration hands over.
+
+    ``solutions``: one of all cameras (joint) or one a camera (mean); ``cov``
+    (16 C, 16 C) in the order of ``CAMERA_PARAMETERS`` camera by camera.
+    """
+
+    solutions: tuple[Solution, ...]
+    interior: Sequence[FloatArray]
+    cam_from_rig: Sequence[Rigid]
+    rig_from_target: Mapping[int, Rigid]
+    cov: FloatArray
+    position_mm: FloatArray
+    point_cov_mm2: FloatArray | None
+    rejected: Sequence[Rejection] = ()
+    warnings: Sequence[str] = field(default_factory=list)
+
+
+def calibration_run(
+    cameras: Sequence[CameraFrames],
+    starts: Sequence[CameraStart],
+    pictures: Pictures,
+    target: PointSet,
+    options: CalibrationOptions,
+    outcome: Outcome,
+    seconds: float,
+) -> CalibrationRun:
+    """Everything in the shape that files, reports and the command use."""
+    names = tuple(camera.name for camera in cameras)
+    table = observation_table(outcome.solutions, target)
+    used = table.used
+    of = {
+        name: used & (table.camera == index) for index, name in enumerate(names)
+    }
+    adjustments = [s.adjustment for s in outcome.solutions]
+    redundancy = sum(a.redundancy for a in adjustments)
+    squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
+    sigma0 = float(np.sqrt(squares / redundancy))
+    how = {
+        "method": options.method, "options": asdict(options), "sigma0": sigma0,
+        "redundancy": redundancy, "unknowns": sum(a.num_unknowns for a in adjustments),
+        "image_coordinates": sum(a.num_observations for a in adjustments),
+        "rms_px": rms_px(table.residual_px[used]),
+    }  # fmt: skip
+    kept = {
+        names[camera]: s.bundle.network.free(index)
+        for s in outcome.solutions
+        for index, camera in enumerate(s.bundle.camera_of)
+    }
+    return CalibrationRun(
+        rig=rig_data(cameras, starts, outcome, how),
+        method=options.method,
+        camera_names=names,
+        image_names={(names[p.camera], p.stage): p.image for p in pictures.pictures},
+        rig_from_target=outcome.rig_from_target,
+        target=PointSet(
+            id=target.id, position_mm=outcome.position_mm,
+            cov_mm2=target.cov_mm2 if outcome.point_cov_mm2 is None
+            else cov6_from_matrix(outcome.point_cov_mm2),
+            normal=target.normal, diameter_mm=target.diameter_mm,
+        ),
+        observations=table,
+        sigma0=sigma0,
+        rms_px=how["rms_px"],
+        redundancy=redundancy,
+        num_unknowns=how["unknowns"],
+        num_observations=how["image_coordinates"],
+        camera_rms_px={name: rms_px(table.residual_px[mask]) for name, mask in of.items()},
+        camera_count={name: int(mask.sum()) for name, mask in of.items()},
+        parameters_kept=kept,
+        rejected=(
+            *pictures.rejected,
+            *(r for start in starts for r in start.rejected),
+            *outcome.rejected,
+            *(r for s in outcome.solutions for r in s.rejected),
+        ),
+        warnings=(
+            *pictures.warnings,
+            *(w for s in outcome.solutions for w in s.warnings),
+            *outcome.warnings,
+        ),
+        seconds=seconds,
+    )  # fmt: skip
+
+
 def rig_data(
     cameras: Sequence[CameraFrames],
-    models: Sequence[RigCamera],
-    cov: FloatArray,
-    floors: Sequence[float],
+    starts: Sequence[CameraStart],
+    outcome: Outcome,
     how: Mapping[str, Any],
 ) -> RigData:
-    """The rig with its covariance (16 C, 16 C); ``models`` carry the poses."""
-    sigma = np.sqrt(np.maximum(np.diag(cov), 0.0)).reshape(len(cameras), -1)
+    """The rig with its covariance."""
+    sigma = np.sqrt(np.maximum(np.diag(outcome.cov), 0.0)).reshape(len(cameras), -1)
+    floors = {
+        cameras[camera].name: s.bundle.network.floor_px(index)
+        for s in outcome.solutions
+        for index, camera in enumerate(s.bundle.camera_of)
+    }
     return RigData(
         cameras={
             camera.name: RigCamera(
-                image_size_px=model.image_size_px, interior=model.interior, r0_px=model.r0_px,
-                rotation=model.rotation, translation_mm=model.translation_mm,
+                image_size_px=camera.image_size_px, interior=outcome.interior[i],
+                r0_px=starts[i].model.r0_px, rotation=outcome.cam_from_rig[i][0],
+                translation_mm=outcome.cam_from_rig[i][1],
                 sigma=dict(zip(CAMERA_PARAMETERS, map(float, sigma[i]), strict=True)),
             )
-            for i, (camera, model) in enumerate(zip(cameras, models, strict=True))
+            for i, camera in enumerate(cameras)
         },
         reference=f"camera {cameras[0].name}",
-        cov=cov,
+        cov=outcome.cov,
         cov_names=tuple(f"{c.name}/{p}" for c in cameras for p in CAMERA_PARAMETERS),
-        sigma_floor_px={c.name: float(f) for c, f in zip(cameras, floors, strict=True)},
+        sigma_floor_px={camera.name: floors[camera.name] for camera in cameras},
         how=dict(how),
     )  # fmt: skip
 
 
-def observation_table(
-    bundle: Bundle, adjustment: Adjustment, floors: Sequence[float], target: PointSet
-) -> ObservationTable:
-    """Every observation that had a known point, used or rejected."""
-    pictures = bundle.pictures
+def observation_table(solutions: Sequence[Solution], target: PointSet) -> ObservationTable:
+    """Every observation that had a known point, used or rejected, (M, 2) per coordinate."""
+    pictures = [p for s in solutions for p in s.bundle.pictures]
     counts = [len(p) for p in pictures]
-    camera = np.repeat([p.camera for p in pictures], counts).astype(np.int32)
+    floor = np.concatenate(
+        [
+            np.full(len(p), s.bundle.network.floor_px(s.bundle.network_camera(i)))
+            for s in solutions
+            for i, p in enumerate(s.bundle.pictures)
+        ]
+    )
     cov = np.concatenate([p.cov_px2 for p in pictures])
-    floor = np.asarray(floors, dtype=float)[camera]
+    adjustments = [s.adjustment for s in solutions]
     return ObservationTable(
-        camera=camera,
+        camera=np.repeat([p.camera for p in pictures], counts).astype(np.int32),
         stage=np.repeat([p.stage for p in pictures], counts).astype(np.int32),
-        point_id=target.id[bundle.point_of].astype(np.int32),
+        point_id=target.id[np.concatenate([p.point for p in pictures])].astype(np.int32),
         xy_px=np.concatenate([p.xy_px for p in pictures]),
         sigma_px=np.sqrt(cov[:, [0, 2]] + floor[:, None] ** 2),
-        residual_px=adjustment.residual_px,
-        normalised=adjustment.normalised,
-        redundancy=adjustment.redundancy_numbers,
-        used=adjustment.used,
+        residual_px=np.concatenate([a.residual_px for a in adjustments]),
+        normalised=np.concatenate([a.normalised for a in adjustments]),
+        redundancy=np.concatenate([a.redundancy_numbers for a in adjustments]),
+        used=np.concatenate([a.used for a in adjustments]),
     )
-
-
-def rms_px(residual_px: FloatArray) -> float:
-    """RMS per coordinate; 0 of nothing."""
-    return float(np.sqrt(np.mean(residual_px**2))) if residual_px.size else 0.0

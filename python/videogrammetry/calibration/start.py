@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ MAX_SEARCH_PICTURES = 6
 #: Share of the picture's diagonal beyond which a point counts as a wrong number
 #: while lens distortion is not yet modelled.
 START_GATE = 0.01
+#: A start that fits worse (RMS distance) is checked against the target's mirror image.
+SUSPICIOUS_RMS_PX = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,18 +89,20 @@ def start_camera(
         rotation=np.eye(3), translation_mm=np.zeros(3),
     )  # fmt: skip
     f_given = interior[0] > 0
-    model, poses = _first_poses(camera.name, model, usable, target, gate_px, f_given)
-    held = model.interior.copy()
-    free = INTERIOR_NAMES if camera.free is None else camera.free
-    model = _refine(model, usable, poses, target, [n for n in ("f", "A1") if n in free])
-    poses = _resect_all(model, usable, target, gate_px)
+    held, free = interior.copy(), INTERIOR_NAMES if camera.free is None else camera.free
+    try:
+        model, poses = _start(camera.name, model, usable, target, gate_px, f_given, free)
+    except CalibrationError:
+        _check_handedness(camera.name, model, usable, {}, target, gate_px, f_given, free)
+        raise
+    _check_handedness(camera.name, model, usable, poses, target, gate_px, f_given, free)
     for picture in usable:
         if picture.stage not in poses:
             rejected.append(
                 Rejection(
                     kind="image", camera=camera.name, image=picture.image, point_id=None,
                     value=float(len(picture)),
-                    reason=f"no pose fits {MIN_POINTS} of its {len(picture)} points within "
+                    reason=f"no pose fits half of its {len(picture)} points within "
                     f"{gate_px:.1f} px: wrong numbers or another target",
                 )  # fmt: skip
             )
@@ -137,6 +141,26 @@ def _with_interior(model: RigCamera, interior: FloatArray) -> RigCamera:
 def _mean_cost(poses: dict[int, list[PoseCandidate]], count: int, gate_px: float) -> float:
     found = [candidates[0].cost_px2 for candidates in poses.values()]
     return (sum(found) + (count - len(found)) * gate_px**2) / count
+
+
+def _start(
+    name: str,
+    model: RigCamera,
+    pictures: Sequence[Picture],
+    target: PointSet,
+    gate_px: float,
+    f_given: bool,
+    free: Sequence[str],
+) -> tuple[RigCamera, dict[int, list[PoseCandidate]]]:
+    """Interior and poses: found, refined with the strongest distortion terms, found again."""
+    model, poses = _first_poses(name, model, pictures, target, gate_px, f_given)
+    # E1, E2 look like a tilt of the target unless several pictures contradict.
+    wanted = ("f", "A1", "E1", "E2") if len(poses) >= 4 else ("f", "A1")
+    refined = _refine(model, pictures, poses, target, [n for n in wanted if n in free])
+    again = _resect_all(refined, pictures, target, gate_px)
+    if _mean_cost(again, len(pictures), gate_px) < _mean_cost(poses, len(pictures), gate_px):
+        return refined, again
+    return model, poses
 
 
 def _first_poses(
@@ -185,9 +209,39 @@ def _resect_all(
         found = resect(
             native, target.position_mm[picture.point], picture.xy_px, threshold_px=gate_px
         )
+        found = [c for c in found if 2 * c.inliers >= len(picture)]
         if found:
             poses[picture.stage] = found
     return poses
+
+
+def _check_handedness(
+    name: str,
+    model: RigCamera,
+    pictures: Sequence[Picture],
+    poses: dict[int, list[PoseCandidate]],
+    target: PointSet,
+    gate_px: float,
+    f_given: bool,
+    free: Sequence[str],
+) -> None:
+    """CalibrationError if the mirror image of the target fits and the target does not."""
+    cost = _mean_cost(poses, len(pictures), gate_px)
+    if cost < SUSPICIOUS_RMS_PX**2:
+        return
+    mirrored = replace(target, position_mm=target.position_mm * [1.0, 1.0, -1.0])
+    try:
+        _, others = _start(name, model, pictures, mirrored, gate_px, f_given, free)
+    except CalibrationError:
+        return
+    other = _mean_cost(others, len(pictures), gate_px)
+    if other < cost / 9.0:
+        raise CalibrationError(
+            f"camera {name}: the mirror image of the target fits its pictures "
+            f"({np.sqrt(other):.2f} px), the target itself does not ({np.sqrt(cost):.2f} px): the "
+            "target's coordinates are left-handed, or the pictures are mirrored; change the sign "
+            "of one coordinate of the target, or mirror the pictures back"
+        )
 
 
 def _refine(

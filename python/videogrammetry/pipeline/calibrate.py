@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.calibration import (
     CalibrationOptions,
@@ -29,8 +32,9 @@ from videogrammetry.project import (
     read_observations,
     read_points,
 )
-from videogrammetry.sequence import check_same_length
-from videogrammetry.types import Observations, Targets
+from videogrammetry.recognition import RecognitionOptions
+from videogrammetry.sequence import as_source, check_same_length
+from videogrammetry.types import FrameSource, Observations, PointSet, Targets
 
 
 def calibrate_project(
@@ -77,7 +81,7 @@ def calibrate_project(
     run = calibrate(cameras, target, options)
     progress(1, 1, "adjusting")
     origin = provenance(options, [*inputs, project.calibration.target], project.folder)
-    how = {**run.rig.how, "provenance": origin}
+    how = {**origin, **run.rig.how}
     return dataclasses.replace(run, rig=dataclasses.replace(run.rig, how=how))
 
 
@@ -108,12 +112,14 @@ def frame_targets(stage: int, image: str, targets: Targets) -> FrameTargets:
     )
 
 
-def _from_pictures(
-    project: Project, progress: Progress, num_threads: int
-) -> tuple[list[CameraFrames], list[str]]:
-    sources = open_cameras(project, "calibration", lambda camera: camera.calibration)
+def recognize_frames(
+    sources: Mapping[str, FrameSource],
+    options: RecognitionOptions,
+    progress: Progress = silent,
+    num_threads: int = 0,
+) -> dict[str, list[FrameTargets]]:
+    """The targets of every frame of every camera; the n-th frames belong to stage n."""
     count = check_same_length(sources)
-    options = recognition_options(project.targets)
     jobs = [(name, index) for name in sources for index in range(count)]
 
     def work(job: tuple[str, int]) -> FrameTargets:
@@ -127,6 +133,49 @@ def _from_pictures(
     ):
         frames[job[0]].append(frame)
         progress(done, len(jobs), "recognising")
+    return frames
+
+
+def calibrate_frames(
+    frames: Mapping[str, FrameSource | Sequence[npt.NDArray[Any]]],
+    target: PointSet,
+    options: CalibrationOptions | None = None,
+    *,
+    recognition: RecognitionOptions | None = None,
+    progress: Progress = silent,
+    num_threads: int = 0,
+) -> CalibrationRun:
+    """Calibrate from pictures of a known target, from files or from memory.
+
+    Parameters
+    ----------
+    frames : camera -> sequence, or array (S, height, width); the n-th frames of
+        all cameras are synchronous.
+    target : the known points.
+    options, recognition : None: the defaults.
+    progress : told about each picture.
+    num_threads : pictures at a time; 0 = one a core.
+
+    Raises
+    ------
+    SequenceError, CalibrationError
+        Naming camera, picture or target, and what to do.
+    """
+    sources = {name: as_source(source) for name, source in frames.items()}
+    targets = recognize_frames(sources, recognition or RecognitionOptions(), progress, num_threads)
+    cameras = [
+        CameraFrames(name=name, image_size_px=source.image_size_px, frames=targets[name])
+        for name, source in sources.items()
+    ]
+    return calibrate(cameras, target, options)
+
+
+def _from_pictures(
+    project: Project, progress: Progress, num_threads: int
+) -> tuple[list[CameraFrames], list[str]]:
+    sources = open_cameras(project, "calibration", lambda camera: camera.calibration)
+    options = recognition_options(project.targets)
+    frames = recognize_frames(sources, options, progress, num_threads)
     cameras = [
         _frames(project, name, source.image_size_px, frames[name])
         for name, source in sources.items()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.errors import MeasurementError, ProjectFileError
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions, image_covariance, match_stage
@@ -22,13 +25,14 @@ from videogrammetry.pipeline.frames import (
     silent,
 )
 from videogrammetry.project import Project, provenance, read_rig
-from videogrammetry.recognition import code_family
-from videogrammetry.reconstruction import reconstruct_stage
-from videogrammetry.sequence import check_same_length
+from videogrammetry.recognition import RecognitionOptions, code_family
+from videogrammetry.reconstruction import Triangulator, reconstruct_stage
+from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.tracking import build_trajectories, link_stages
 from videogrammetry.types import (
     FloatArray,
+    FrameSource,
     IntArray,
     Matches,
     Measurement,
@@ -49,16 +53,86 @@ class StageResult:
 
 
 def measure_stage(
-    rig: RigData, targets: Sequence[Targets], options: MatchingOptions | None = None
+    triangulator: Triangulator, targets: Sequence[Targets], options: MatchingOptions | None = None
 ) -> StageResult:
     """Match and reconstruct the targets of one stage, one ``Targets`` a camera."""
+    rig = triangulator.rig
     matches = match_stage(rig, targets, options)
     cov = [
         image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
         for name, t in zip(rig.cameras, targets, strict=True)
     ]
-    points = reconstruct_stage(rig, matches, [t.centre_px for t in targets], cov)
+    points = reconstruct_stage(triangulator, matches, [t.centre_px for t in targets], cov)
     return StageResult(tuple(targets), matches, points)
+
+
+def measure_frames(
+    rig: RigData,
+    frames: Mapping[str, FrameSource | Sequence[npt.NDArray[Any]]],
+    *,
+    frame_rate_hz: float | None = None,
+    stages: tuple[int, int] | None = None,
+    recognition: RecognitionOptions | None = None,
+    matching: MatchingOptions | None = None,
+    motion: MotionOptions | None = None,
+    progress: Progress = silent,
+    num_threads: int = 0,
+) -> Measurement:
+    """Measure sequences of calibrated cameras, from files or from memory.
+
+    Stage by stage: recognition in every camera's frame, matching, triangulation
+    with covariance; then numbers for un-coded points over all stages, and motion.
+
+    Parameters
+    ----------
+    rig : the calibrated cameras.
+    frames : camera -> sequence, or array (S, height, width); the n-th frames of
+        all cameras belong to one stage.
+    frame_rate_hz : None: times and velocities stay empty.
+    stages : first and last stage, inclusive, from 1; None: all.
+    recognition, matching, motion : options; None: the defaults.
+    progress : told about each stage.
+    num_threads : stages at a time; 0 = one a core.
+
+    Raises
+    ------
+    SequenceError, MeasurementError
+        Naming camera or picture, and what to do.
+    """
+    recognition = recognition or RecognitionOptions()
+    sources = {name: as_source(source) for name, source in frames.items()}
+    rig = _rig_in_order(rig, sources)
+    count = check_same_length(sources)
+    first, last = stages or (1, count)
+    triangulator = Triangulator(rig)
+
+    def work(index: int) -> StageResult:
+        targets = [read_and_recognize(source, index, recognition) for source in sources.values()]
+        return measure_stage(triangulator, targets, matching)
+
+    results: list[StageResult] = []
+    for result in map_bounded(work, range(first - 1, last), num_threads):
+        results.append(result)
+        progress(len(results), last - first + 1, "measuring")
+
+    stage = np.arange(first, last + 1, dtype=np.int32)
+    rate = frame_rate_hz
+    time_s = (stage - 1) / rate if rate else np.full(len(stage), np.nan)
+    numbers = link_stages([r.points for r in results], first_free_id(recognition))
+    if not any(len(n) for n in numbers):
+        raise MeasurementError(_nothing_measured(results))
+    trajectories = build_trajectories(
+        [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
+    )
+    names = (tuple(s.name(i - 1) for i in stage.tolist()) for s in sources.values())
+    return Measurement(
+        trajectories=trajectories,
+        motion=compute_motion(trajectories, motion),
+        targets=_records(results, numbers, stage),
+        image_name=tuple(names),
+        frame_rate_hz=rate,
+        provenance=provenance({"stages": [first, last], "recognition": recognition}),
+    )
 
 
 def measure_project(
@@ -68,10 +142,7 @@ def measure_project(
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> Measurement:
-    """Measure the sequences of a calibrated project.
-
-    Stage by stage: recognition in every camera's frame, matching, triangulation
-    with covariance; then numbers for un-coded points over all stages, and motion.
+    """Measure the sequences of a calibrated project; see :func:`measure_frames`.
 
     Parameters
     ----------
@@ -89,51 +160,30 @@ def measure_project(
     if rig is None:
         rig = _read_project_rig(project)
     sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
-    rig = _rig_in_order(rig, sources, project)
-    first, last = _stage_range(project, check_same_length(sources))
+    stages = _stage_range(project, check_same_length(sources))
     rate, warnings = _frame_rate(project, sources)
-    options = recognition_options(project.targets)
-
-    def work(index: int) -> StageResult:
-        return measure_stage(
-            rig, [read_and_recognize(source, index, options) for source in sources.values()]
-        )
-
-    results: list[StageResult] = []
-    for result in map_bounded(work, range(first - 1, last), num_threads):
-        results.append(result)
-        progress(len(results), last - first + 1, "measuring")
-
-    stage = np.arange(first, last + 1, dtype=np.int32)
-    time_s = (stage - 1) / rate if rate else np.full(len(stage), np.nan)
-    numbers = link_stages([r.points for r in results], first_free_id(project))
-    if not any(len(n) for n in numbers):
-        raise MeasurementError(_nothing_measured(project, results))
-    trajectories = build_trajectories(
-        [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
-    )
-    motion = compute_motion(trajectories, MotionOptions(reference_stage=_reference(project, stage)))
-    return Measurement(
-        trajectories=trajectories,
-        motion=motion,
-        targets=_records(results, numbers, stage),
-        image_name=tuple(
-            tuple(source.name(i - 1) for i in stage.tolist()) for source in sources.values()
-        ),
+    recognition = recognition_options(project.targets)
+    measurement = measure_frames(
+        rig,
+        sources,
         frame_rate_hz=rate,
-        provenance=provenance(
-            {"first": first, "last": last, "rig": rig.how, "targets": options},
-            _inputs(project, sources),
-            project.folder,
-        ),
-        warnings=tuple(warnings),
+        stages=stages,
+        recognition=recognition,
+        motion=MotionOptions(reference_stage=_reference(project, stages)),
+        progress=progress,
+        num_threads=num_threads,
     )
+    origin = provenance(
+        {"stages": stages, "recognition": recognition, "rig": rig.how},
+        _inputs(project, sources),
+        project.folder,
+    )
+    return dataclasses.replace(measurement, provenance=origin, warnings=tuple(warnings))
 
 
-def first_free_id(project: Project) -> int:
+def first_free_id(recognition: RecognitionOptions) -> int:
     """The first number for un-coded points: above the family's largest code."""
-    family = code_family(project.targets.codes)
-    return (family.largest_id if family is not None else 0) + 1
+    return len(code_family(recognition.codes)) + 1
 
 
 def _refuse_filter(project: Project) -> None:
@@ -153,13 +203,17 @@ def _read_project_rig(project: Project) -> RigData:
     return read_rig(project.rig_path)
 
 
-def _rig_in_order(rig: RigData, sources: dict[str, JoinedSource], project: Project) -> RigData:
-    """The rig's cameras, checked against the sequences, in the project's order."""
+def _rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
+    """The rig's cameras, checked against the sequences, in their order."""
     missing = [name for name in sources if name not in rig.cameras]
     if missing:
-        raise ProjectFileError(
-            f"{project.path}: camera {missing[0]!r} is not in the rig, which has "
-            f"{', '.join(rig.cameras)}: calibrate again or correct the name"
+        raise MeasurementError(
+            f"camera {missing[0]!r} is not in the rig, which has {', '.join(rig.cameras)}: "
+            "calibrate again or correct the name"
+        )
+    if len(sources) < 2:
+        raise MeasurementError(
+            f"{len(sources)} camera: 3-D points need two cameras or more that see them"
         )
     for name, source in sources.items():
         size = tuple(rig.cameras[name].image_size_px)
@@ -171,12 +225,14 @@ def _rig_in_order(rig: RigData, sources: dict[str, JoinedSource], project: Proje
                 "principal point)"
             )
     cameras = {name: rig.cameras[name] for name in sources}
-    if len(cameras) == len(rig.cameras):
-        return RigData(**{**rig.__dict__, "cameras": cameras})
+    columns = [list(rig.cameras).index(name) for name in cameras]
+    seen = None if rig.volume_seen is None else rig.volume_seen[:, columns]
     keep = [i for i, n in enumerate(rig.cov_names) if n.rsplit("/", 1)[0] in cameras]
     cov = None if rig.cov is None else rig.cov[np.ix_(keep, keep)]
     names = tuple(rig.cov_names[i] for i in keep)
-    return RigData(**{**rig.__dict__, "cameras": cameras, "cov": cov, "cov_names": names})
+    return dataclasses.replace(
+        rig, cameras=cameras, cov=cov, cov_names=names, volume_seen=seen
+    )
 
 
 def _stage_range(project: Project, count: int) -> tuple[int, int]:
@@ -219,15 +275,15 @@ def _frame_rate(
     return next(iter(stated.values())), warnings
 
 
-def _reference(project: Project, stage: IntArray) -> int:
+def _reference(project: Project, stages: tuple[int, int]) -> int:
     reference = project.motion.reference_stage
-    if int(stage[0]) <= reference <= int(stage[-1]):
+    if stages[0] <= reference <= stages[1]:
         return reference
     if reference == 1:  # the default where the sequence starts later
-        return int(stage[0])
+        return stages[0]
     raise ProjectFileError(
         f"{project.path}: [motion] reference_stage = {reference} is not among the measured stages "
-        f"{stage[0]} to {stage[-1]}"
+        f"{stages[0]} to {stages[1]}"
     )
 
 
@@ -248,19 +304,18 @@ def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
     }
 
 
-def _nothing_measured(project: Project, results: Sequence[StageResult]) -> str:
+def _nothing_measured(results: Sequence[StageResult]) -> str:
     counts = status_counts(results)
     if not counts:
         return (
-            f"{project.path}: no target was recognised in any of the {len(results)} stages; look "
-            "at the pictures with `videogrammetry recognize --overlay DIR`, and check polarity and "
-            "diameter_px in [targets]"
+            f"no target was recognised in any of the {len(results)} stages: look at the pictures "
+            "with `videogrammetry recognize --overlay DIR`, and check polarity and diameter_px in "
+            "[targets]"
         )
     found = ", ".join(f"{count} {name}" for name, count in counts.items())
     return (
-        f"{project.path}: targets were recognised but none could be matched between cameras "
-        f"({found}): is the rig of these sequences, are the cameras synchronous and in the right "
-        "order?"
+        f"targets were recognised but none could be matched between cameras ({found}): is the rig "
+        "that of these sequences, are the cameras synchronous and in the right order?"
     )
 
 

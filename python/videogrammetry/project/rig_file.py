@@ -65,7 +65,7 @@ def write_rig(path: str | os.PathLike[str], rig: RigData) -> None:
     }
     beside = target.with_suffix(".npz")
     if rig.cov is not None:
-        data = _npz_bytes(rig.cov, rig.cov_names)
+        data = _npz_bytes(rig)
         write_bytes(beside, data)
         document["covariance"] = {"file": beside.name, "sha256": sha256_of(beside)}
     write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n")
@@ -73,11 +73,17 @@ def write_rig(path: str | os.PathLike[str], rig: RigData) -> None:
         beside.unlink(missing_ok=True)
 
 
-def _npz_bytes(cov: FloatArray, names: tuple[str, ...]) -> bytes:
-    if cov.shape != (len(names), len(names)):
-        raise ValueError(f"cov: expected {len(names)} rows as cov_names, got shape {cov.shape}")
+def _npz_bytes(rig: RigData) -> bytes:
+    assert rig.cov is not None
+    if rig.cov.shape != (len(rig.cov_names), len(rig.cov_names)):
+        raise ValueError(
+            f"cov: expected {len(rig.cov_names)} rows as cov_names, got shape {rig.cov.shape}"
+        )
+    arrays: dict[str, Any] = {"cov": rig.cov, "names": np.array(rig.cov_names, dtype=np.str_)}
+    if rig.volume_mm is not None and rig.volume_seen is not None:
+        arrays.update(volume_mm=rig.volume_mm, volume_seen=rig.volume_seen)
     data = io.BytesIO()
-    np.savez(data, cov=cov, names=np.array(names, dtype=np.str_))
+    np.savez(data, **arrays)
     return data.getvalue()
 
 
@@ -136,15 +142,13 @@ def read_rig(path: str | os.PathLike[str]) -> RigData:
     cameras = document["cameras"]
     if not isinstance(cameras, dict) or not cameras:
         raise reader.error("it names no camera")
-    cov, names = reader.covariance(document.get("covariance"))
     floors = {n: c["sigma_floor_px"] for n, c in cameras.items() if _has(c, "sigma_floor_px")}
     return RigData(
         cameras={name: reader.camera(name, item, measured) for name, item in cameras.items()},
         reference=str(document.get("reference", "")),
-        cov=cov,
-        cov_names=names,
         sigma_floor_px={n: reader.number(f, f"{n} sigma_floor_px") for n, f in floors.items()},
         how=document.get("how") or {},
+        **reader.arrays(document.get("covariance"), len(cameras)),
     )
 
 
@@ -263,10 +267,10 @@ class _Reader:
                 result.update(zip(names, values.tolist(), strict=True))
         return result
 
-    def covariance(self, item: Any) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """The matrix and the names of its rows, from the file that the rig names."""
+    def arrays(self, item: Any, num_cameras: int) -> dict[str, Any]:
+        """What the file beside the rig holds: covariance, its names, the calibrated volume."""
         if item is None:
-            return None, ()
+            return {}
         self.check_keys(item, "covariance", ("file", "sha256"), ())
         beside = self._file.parent / str(item["file"])
         remedy = "copy it beside the rig file, or take 'covariance' out of that to do without"
@@ -277,8 +281,15 @@ class _Reader:
                 f"{beside.name} beside it is damaged or belongs to another calibration", remedy
             )
         try:
-            with np.load(beside, allow_pickle=False) as arrays:
-                cov, names = arrays["cov"], tuple(str(n) for n in arrays["names"])
+            with np.load(beside, allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            names = tuple(str(n) for n in arrays["names"])
+            cov = self.array(arrays["cov"], (len(names), len(names)), beside.name)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise self.error(f"{beside.name} cannot be read ({error})", remedy) from error
-        return self.array(cov, (len(names), len(names)), beside.name), names
+        result: dict[str, Any] = {"cov": cov, "cov_names": names}
+        if "volume_mm" in arrays:
+            volume = self.array(arrays["volume_mm"], (len(arrays["volume_mm"]), 3), beside.name)
+            seen = self.array(arrays["volume_seen"], (len(volume), num_cameras), beside.name)
+            result.update(volume_mm=volume, volume_seen=seen.astype(bool))
+        return result

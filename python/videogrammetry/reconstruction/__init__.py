@@ -3,8 +3,9 @@
 from videogrammetry.reconstruction.rig import Rig
 from videogrammetry.reconstruction.triangulate import (
     TRIANGULATION_STATUS,
+    Triangulator,
     reconstruct_stage,
     triangulate,
 )
 
-__all__ = ["TRIANGULATION_STATUS", "Rig", "reconstruct_stage", "triangulate"]
+__all__ = ["TRIANGULATION_STATUS", "Rig", "Triangulator", "reconstruct_stage", "triangulate"]

@@ -67,6 +67,9 @@ class Rig(RigData):
     ) -> tuple[FloatArray, FloatArray]:
         """Points of corresponding pixels, with the covariance of noise and calibration.
 
+        The calibration's part is stated in the frame of the calibrated volume
+        (see :class:`Triangulator`).
+
         Parameters
         ----------
         pixels : camera -> (N, 2); NaN where a camera does not see a point.

@@ -9,11 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry._core import reconstruction as _reconstruction
-from videogrammetry.geometry import full_covariance, rig_model
+from videogrammetry.geometry import full_covariance, project, rig_model
 from videogrammetry.types import StagePoints
 
 if TYPE_CHECKING:
     from videogrammetry.types import FloatArray, IntArray, Matches, RigData
+
+# A frame has six degrees of freedom: three points fix it, more make it typical.
+_MIN_FRAME_POINTS = 3
 
 #: Why a point could not be triangulated, by its status.
 TRIANGULATION_STATUS = (
@@ -25,6 +28,83 @@ TRIANGULATION_STATUS = (
 )
 
 
+class Triangulator:
+    """Triangulation with a rig's orientation held, prepared once for many calls.
+
+    Least squares of the residuals in the measured pictures, weighted with
+    their covariance. Two covariances a point: the image noise's,
+    (J^T W J)^-1, and the calibration's, G C G^T.
+
+    The second depends on where the frame is thought to be fixed. A calibration
+    determines the cameras relative to each other; that the frame lies on the
+    first camera's axes is a definition, and stated in those axes every point
+    carries the uncertainty of that camera's principal point and direction,
+    although it moves all points alike. With ``frame="volume"`` the rigid motion
+    that an error of the calibration shares over the calibrated volume is taken
+    out (inner constraints over ``rig.volume_mm``): what is left harms
+    distances, shapes and motions. ``frame="rig"`` states it in the rig's axes.
+
+    Parameters
+    ----------
+    rig : the cameras, with their covariance if there is one.
+    frame : "volume" (falls back to "rig" where the rig knows no volume) or "rig".
+    num_threads : 0 = one a core.
+    """
+
+    def __init__(self, rig: RigData, *, frame: str = "volume", num_threads: int = 1) -> None:
+        if frame not in ("volume", "rig"):
+            raise ValueError(f"frame: expected 'volume' or 'rig', got {frame!r}")
+        self.rig = rig
+        self._model = rig_model(rig)
+        self._cov = full_covariance(rig)
+        self._frame = self._shared_motion() if frame == "volume" else np.empty((0, 0))
+        self._num_threads = num_threads
+
+    def __call__(
+        self,
+        offsets: npt.ArrayLike,
+        camera: npt.ArrayLike,
+        xy_px: npt.ArrayLike,
+        cov_px2: npt.ArrayLike,
+    ) -> Mapping[str, FloatArray]:
+        """Triangulate; arguments and result as :func:`triangulate`."""
+        result: Mapping[str, FloatArray] = _reconstruction.triangulate(
+            self._model,
+            np.ascontiguousarray(offsets, dtype=np.int64),
+            np.ascontiguousarray(camera, dtype=np.int32),
+            np.ascontiguousarray(xy_px, dtype=np.float64),
+            np.ascontiguousarray(cov_px2, dtype=np.float64),
+            self._cov,
+            self._frame,
+            self._num_threads,
+        )
+        return result
+
+    def _shared_motion(self) -> FloatArray:
+        rig = self.rig
+        if rig.cov is None or rig.volume_mm is None or rig.volume_seen is None:
+            return np.empty((0, 0))
+        pixels = np.stack(
+            [
+                project(c, rig.volume_mm @ c.rotation.T + c.translation_mm)
+                for c in rig.cameras.values()
+            ],
+            axis=1,
+        )
+        seen = rig.volume_seen & np.isfinite(pixels).all(axis=2)
+        point, camera = np.nonzero(seen)
+        if (seen.sum(axis=1) >= 2).sum() < _MIN_FRAME_POINTS:
+            return np.empty((0, 0))
+        motion: FloatArray = _reconstruction.shared_frame_motion(
+            self._model,
+            np.concatenate([[0], np.cumsum(seen.sum(axis=1))]),
+            camera.astype(np.int32),
+            np.ascontiguousarray(pixels[point, camera]),
+            np.tile([1.0, 0.0, 1.0], (len(point), 1)),
+        )
+        return motion
+
+
 def triangulate(
     rig: RigData,
     offsets: npt.ArrayLike,
@@ -33,10 +113,9 @@ def triangulate(
     cov_px2: npt.ArrayLike,
     num_threads: int = 1,
 ) -> Mapping[str, FloatArray]:
-    """Triangulate points from flat arrays of sightings, the cameras' orientation held.
+    """Triangulate points from flat arrays of sightings; see :class:`Triangulator`.
 
-    Least squares of the residuals in the measured pictures, weighted with
-    ``cov_px2``; point i has the sightings ``offsets[i]:offsets[i + 1]``.
+    Point i has the sightings ``offsets[i]:offsets[i + 1]``.
 
     Parameters
     ----------
@@ -66,24 +145,14 @@ def triangulate(
     >>> points["position_mm"].round(6).tolist()
     [[10.0, 0.0, 1000.0]]
     """
-    result: Mapping[str, FloatArray] = _reconstruction.triangulate(
-        rig_model(rig),
-        np.ascontiguousarray(offsets, dtype=np.int64),
-        np.ascontiguousarray(camera, dtype=np.int32),
-        np.ascontiguousarray(xy_px, dtype=np.float64),
-        np.ascontiguousarray(cov_px2, dtype=np.float64),
-        full_covariance(rig),
-        num_threads,
-    )
-    return result
+    return Triangulator(rig, num_threads=num_threads)(offsets, camera, xy_px, cov_px2)
 
 
 def reconstruct_stage(
-    rig: RigData,
+    triangulator: Triangulator,
     matches: Matches,
     xy_px: Sequence[FloatArray],
     cov_px2: Sequence[FloatArray],
-    num_threads: int = 1,
 ) -> StagePoints:
     """The points of a stage's matches; one array (N, 2) and (N, 3) a camera.
 
@@ -99,7 +168,7 @@ def reconstruct_stage(
         here = camera == c
         xy[here] = xy_px[c][index[here]]
         cov[here] = cov_px2[c][index[here]]
-    result = triangulate(rig, offsets, camera, xy, cov, num_threads)
+    result = triangulator(offsets, camera, xy, cov)
     residual = np.full((*target.shape, 2), np.nan)
     residual[point, camera] = result["residual_px"]
     ok = result["status"] == 0

@@ -5,6 +5,7 @@ gives a :class:`~videogrammetry.types.FrameSource`. A format is one file of
 this folder; ``formats.py`` names them all.
 """
 
+from videogrammetry.sequence.arrays import ArraySource, as_source
 from videogrammetry.sequence.formats import known_suffixes
 from videogrammetry.sequence.grey import grey_from_rgb
 from videogrammetry.sequence.open import SequenceSpec, open_sequence
@@ -12,8 +13,10 @@ from videogrammetry.sequence.select import find_files, natural_key
 from videogrammetry.sequence.source import JoinedSource, check_same_length
 
 __all__ = [
+    "ArraySource",
     "JoinedSource",
     "SequenceSpec",
+    "as_source",
     "check_same_length",
     "find_files",
     "grey_from_rgb",

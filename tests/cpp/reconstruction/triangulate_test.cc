@@ -52,43 +52,102 @@ Rig Perturbed(const Rig& rig, const Eigen::VectorXd& by) {
   return moved;
 }
 
-// Cameras drawn from their covariance scatter the point as cov_rig says: the
-// normalised squared error's mean over m trials is 3 +- sqrt(6/m).
-TEST(Triangulate, CalibrationPartIsTheScatterOverRigs) {
-  const Rig rig = Pair();
+// A covariance as calibrations leave it: f and principal point correlated with the pose.
+Eigen::MatrixXd CovarianceFactor() {
   Eigen::VectorXd sigma(32);
   for (int c = 0; c < 2; ++c) {
     sigma.segment<16>(16 * c) << 0.8, 1.4, 1.3, 1e-9, 0, 0, 1e-8, 1e-8, 1e-5, 1e-5, 3e-5, 3e-5,
         3e-5, 0.2, 0.3, 0.3;
   }
-  // f and principal point correlated with the pose, as calibrations leave them.
   Eigen::MatrixXd factor = sigma.asDiagonal();
   factor(10, 2) = 1e-4;
   factor(0, 15) = 0.5;
-  const Eigen::MatrixXd cov = factor * factor.transpose();
+  return factor;
+}
 
+Rig RandomRig(const Rig& rig, const Eigen::MatrixXd& factor, std::mt19937* random) {
+  std::normal_distribution<double> normal;
+  Eigen::VectorXd draw(factor.cols());
+  for (double& value : draw) value = normal(*random);
+  return Perturbed(rig, factor * draw);
+}
+
+// Cameras drawn from their covariance scatter the point as cov_rig says: the
+// normalised squared error's mean over m trials is 3 +- sqrt(6/m).
+TEST(Triangulate, CalibrationPartIsTheScatterOverRigs) {
+  const Rig rig = Pair();
+  const Eigen::MatrixXd factor = CovarianceFactor();
   const Eigen::Vector3d point(400, -700, 12300);
   Arrays arrays;
   arrays.Add(rig, point);
-  const TriangulatedPoints truth = Triangulate(rig, arrays.View(), cov);
+  const TriangulatedPoints truth =
+      Triangulate(rig, arrays.View(), {factor * factor.transpose(), {}});
   const Eigen::Matrix3d predicted = Eigen::Map<const Eigen::Matrix3d>(truth.cov_rig.data());
 
   constexpr int kTrials = 3000;
   for (const unsigned seed : {5U, 6U}) {
     std::mt19937 random(seed);
-    std::normal_distribution<double> normal;
     double error = 0;
     for (int i = 0; i < kTrials; ++i) {
-      Eigen::VectorXd draw(32);
-      for (double& value : draw) value = normal(random);
       const TriangulatedPoints moved =
-          Triangulate(Perturbed(rig, factor * draw), arrays.View(), Eigen::MatrixXd());
+          Triangulate(RandomRig(rig, factor, &random), arrays.View());
       const Eigen::Vector3d d =
           Eigen::Map<const Eigen::Vector3d>(moved.position_mm.data()) - point;
       error += d.dot(predicted.inverse() * d) / kTrials;
     }
     EXPECT_NEAR(error, 3.0, 4 * std::sqrt(6.0 / kTrials)) << "seed " << seed;
   }
+}
+
+// With the frame's shared motion taken out, the predicted covariance is that of
+// what remains after a best fit of rotation and translation to the true points.
+TEST(Triangulate, FrameFreePartIsTheScatterAfterBestFit) {
+  const Rig rig = Pair();
+  const Eigen::MatrixXd factor = CovarianceFactor();
+  Arrays arrays;
+  std::mt19937 place(9);
+  std::uniform_real_distribution<double> across(-1500, 1500);
+  constexpr int kPoints = 30;
+  Eigen::Matrix<double, kPoints, 3> points;
+  for (int i = 0; i < kPoints; ++i) {
+    points.row(i) << across(place), across(place), 12000 + across(place);
+    arrays.Add(rig, points.row(i).transpose());
+  }
+  const RigCovariance covariance = {factor * factor.transpose(),
+                                    SharedFrameMotion(rig, arrays.View())};
+  const TriangulatedPoints free = Triangulate(rig, arrays.View(), covariance);
+  const TriangulatedPoints fixed = Triangulate(rig, arrays.View(), {covariance.parameters, {}});
+
+  constexpr int kTrials = 2000;
+  std::mt19937 random(7);
+  Eigen::VectorXd scatter = Eigen::VectorXd::Zero(3 * kPoints);
+  for (int t = 0; t < kTrials; ++t) {
+    const TriangulatedPoints moved = Triangulate(RandomRig(rig, factor, &random), arrays.View());
+    const Eigen::Map<const Eigen::Matrix<double, kPoints, 3, Eigen::RowMajor>> found(
+        moved.position_mm.data());
+    const Rigid3 back = FitRigid3(points, found);
+    for (int i = 0; i < kPoints; ++i) {
+      const Eigen::Vector3d d =
+          back * found.row(i).transpose() - points.row(i).transpose();
+      scatter.segment<3>(3 * i) += d.cwiseAbs2() / kTrials;
+    }
+  }
+  double trace_free = 0, trace_fixed = 0;
+  for (int i = 0; i < kPoints; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      const auto at = static_cast<std::size_t>(9 * i + 4 * k);
+      // A variance from m trials scatters by sqrt(2/m) of itself.
+      EXPECT_NEAR(scatter[3 * i + k] / free.cov_rig[at], 1.0, 5 * std::sqrt(2.0 / kTrials))
+          << "point " << i << ", axis " << k;
+      trace_free += free.cov_rig[at];
+      trace_fixed += fixed.cov_rig[at];
+    }
+  }
+  EXPECT_LT(trace_free, trace_fixed);
+  Arrays two;
+  two.Add(rig, {0, 0, 12000});
+  two.Add(rig, {100, 0, 12000});
+  EXPECT_THROW(SharedFrameMotion(rig, two.View()), std::invalid_argument);
 }
 
 TEST(Triangulate, ThreadsChangeNothingAndOneFailureHarmsNoOther) {
@@ -102,8 +161,8 @@ TEST(Triangulate, ThreadsChangeNothingAndOneFailureHarmsNoOther) {
   arrays.cov.insert(arrays.cov.end(), {1e-4, 0.0, 1e-4});
   arrays.offsets.push_back(static_cast<std::int64_t>(arrays.camera.size()));
 
-  const TriangulatedPoints one = Triangulate(rig, arrays.View(), Eigen::MatrixXd(), {1});
-  const TriangulatedPoints many = Triangulate(rig, arrays.View(), Eigen::MatrixXd(), {3});
+  const TriangulatedPoints one = Triangulate(rig, arrays.View(), {}, {1});
+  const TriangulatedPoints many = Triangulate(rig, arrays.View(), {}, {3});
   EXPECT_EQ(one.status[200], static_cast<std::uint8_t>(IntersectionStatus::kTooFewRays));
   EXPECT_TRUE(std::isnan(one.position_mm[600]));
   for (std::size_t i = 0; i < 600; ++i) ASSERT_EQ(one.position_mm[i], many.position_mm[i]);
@@ -116,11 +175,11 @@ TEST(Triangulate, RefusesInconsistentArrays) {
   arrays.Add(rig, {0, 0, 12000});
   Arrays bad = arrays;
   bad.camera[0] = 7;
-  EXPECT_THROW(Triangulate(rig, bad.View(), Eigen::MatrixXd()), std::invalid_argument);
+  EXPECT_THROW(Triangulate(rig, bad.View()), std::invalid_argument);
   bad = arrays;
   bad.offsets.back() = 9;
-  EXPECT_THROW(Triangulate(rig, bad.View(), Eigen::MatrixXd()), std::invalid_argument);
-  EXPECT_THROW(Triangulate(rig, arrays.View(), Eigen::MatrixXd::Identity(5, 5)),
+  EXPECT_THROW(Triangulate(rig, bad.View()), std::invalid_argument);
+  EXPECT_THROW(Triangulate(rig, arrays.View(), {Eigen::MatrixXd::Identity(5, 5), {}}),
                std::invalid_argument);
 }
 

@@ -56,6 +56,14 @@ def test_a_new_part_of_the_work_has_its_own_rate(clock: list[float]) -> None:
     assert "in 4 s" in stream.getvalue()
 
 
+def test_a_part_first_told_when_something_is_done(clock: list[float]) -> None:
+    stream = Terminal()
+    progress = Progress("measure", stream=stream)
+    clock[0] += 5
+    progress(1, 4, "measuring")
+    assert "1/4 0.2/s 15 s left" in stream.getvalue()
+
+
 def test_an_unfinished_line_is_ended(clock: list[float]) -> None:
     stream = Terminal()
     progress = Progress("x", stream=stream)

@@ -9,6 +9,9 @@
 namespace videogrammetry {
 namespace {
 
+// Before looking: four of five targets are seen by another camera too.
+const double kLogPriorOdds = std::log(0.8 / 0.2);
+
 // Upper limit of chi2 with d degrees of freedom at the two-sided level of the
 // normal quantile z: Wilson-Hilferty (1931), good to a per cent here.
 double ChiSquareLimit(int dof, double z) {
@@ -194,7 +197,7 @@ double GeometricScore(const Rig& rig, std::span<const CameraTargets> cameras,
   log_length /= n;
   const int dof = 2 * n - 3;
   const double log_root = 0.5 * std::log(2 * std::numbers::pi);
-  return -0.5 * candidate.point.chi2 - dof * (log_root + log_sigma) - (n - 1) * log_density -
+  return kLogPriorOdds - 0.5 * candidate.point.chi2 - dof * (log_root + log_sigma) - (n - 1) * log_density -
          log_length;
 }
 

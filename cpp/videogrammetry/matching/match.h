@@ -27,8 +27,9 @@ struct MatchingOptions {
   /// A true dot's size times depth agrees between the cameras: larger ratios
   /// are no candidates. Range > 1; 0 = do not look at sizes.
   double max_size_ratio = 1.35;
-  /// Least log odds of a match against its best alternative (4.6: 100 to 1);
-  /// below, the targets are reported ambiguous. Range >= 0.
+  /// Least log odds of a match against its best alternative, which may be that
+  /// the targets only met by chance (4.6: 100 to 1); below, they are reported
+  /// ambiguous. Range >= 0.
   double min_log_odds = 4.6;
   /// Neighbours that predict a target's depth on its surface; 0 = none.
   int neighbours = 8;
@@ -65,9 +66,9 @@ struct MatchResult {
 ///
 /// Coded targets by their ID, kept only where their rays meet. All others: every
 /// pair within the epipolar gate is intersected and projected into the other
-/// cameras; each resulting set of targets gets a log likelihood ratio "one
-/// point" against "met by chance",
-///   -chi2/2 - (2n-3) log(sqrt(2 pi) s) - (n-1) log(density) - log(line length)
+/// cameras; each resulting set of targets gets the log odds of "one point"
+/// against "met by chance",
+///   log prior odds - chi2/2 - (2n-3) log(sqrt(2 pi) s) - (n-1) log(density) - log(line length)
 /// (n cameras, s the targets' standard deviation in px, density in targets per
 /// px^2), plus the evidence of the surface that reliable neighbours span
 /// (inverse depth is affine in the picture of a plane). The globally best set

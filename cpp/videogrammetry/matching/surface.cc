@@ -1,8 +1,10 @@
 #include "videogrammetry/matching/surface.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace videogrammetry {
@@ -10,7 +12,8 @@ namespace {
 
 constexpr double kShareOffSurface = 0.05;
 constexpr int kMinNeighbours = 5;  // an affine function has 3 unknowns; two to judge it
-constexpr int kReweightings = 5;
+constexpr int kReweightings = 3;
+constexpr double kMinTriangle = 0.02;  // twice its area, in units of the neighbours' reach
 
 struct Sample {
   Eigen::Vector2d pixel;
@@ -29,8 +32,51 @@ double Median(std::vector<double> values) {
   return *middle;
 }
 
-// Affine fit by iteratively reweighted least squares (Tukey's biweight), so
-// that neighbours on another surface do not bend it.
+// Weights of Tukey's biweight around a given affine function.
+Eigen::VectorXd TukeyWeights(const Eigen::VectorXd& residual, double limit) {
+  Eigen::VectorXd weight(residual.size());
+  for (Eigen::Index i = 0; i < residual.size(); ++i) {
+    const double u = residual[i] / limit;
+    weight[i] = std::abs(u) < 1 ? (1 - u * u) * (1 - u * u) : 0.0;
+  }
+  return weight;
+}
+
+// MAD to sigma, widened for the three unknowns that the fit has spent.
+double Scatter(const Eigen::VectorXd& residual) {
+  std::vector<double> sizes(residual.data(), residual.data() + residual.size());
+  for (double& r : sizes) r = std::abs(r);
+  const auto n = static_cast<double>(residual.size());
+  return 1.4826 * Median(std::move(sizes)) * std::sqrt(n / (n - 3.0));
+}
+
+// The affine function through three samples that the median sample fits best
+// (least median of squares, Rousseeuw 1984): a start that almost half of the
+// samples, lying on another surface, cannot bend.
+bool LeastMedianStart(const Eigen::MatrixX3d& design, const Eigen::VectorXd& value,
+                      Eigen::Vector3d* solution) {
+  const Eigen::Index n = design.rows();
+  double best = std::numeric_limits<double>::infinity();
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index j = i + 1; j < n; ++j) {
+      for (Eigen::Index k = j + 1; k < n; ++k) {
+        Eigen::Matrix3d rows;
+        rows << design.row(i), design.row(j), design.row(k);
+        if (std::abs(rows.determinant()) < kMinTriangle) continue;  // nearly in one line
+        const Eigen::Vector3d trial =
+            rows.inverse() * Eigen::Vector3d(value[i], value[j], value[k]);
+        const double scatter = Scatter(value - design * trial);
+        if (scatter < best) {
+          best = scatter;
+          *solution = trial;
+        }
+      }
+    }
+  }
+  return std::isfinite(best);
+}
+
+// Affine fit of the samples' inverse depth, evaluated at `pixel`.
 bool PredictInverseDepth(const std::vector<Sample>& samples, const Eigen::Vector2d& pixel,
                          Prediction* prediction) {
   const auto n = static_cast<Eigen::Index>(samples.size());
@@ -47,27 +93,20 @@ bool PredictInverseDepth(const std::vector<Sample>& samples, const Eigen::Vector
     design.row(i) << 1.0, (s.pixel - pixel).transpose() / reach;
     value[i] = s.inverse_depth;
   }
-  Eigen::VectorXd weight = Eigen::VectorXd::Ones(n);
-  Eigen::Vector3d solution = Eigen::Vector3d::Zero();
+  Eigen::Vector3d solution;
+  if (!LeastMedianStart(design, value, &solution)) return false;
+  Eigen::VectorXd weight;
   Eigen::Matrix3d normal;
   double scatter = 0;
   for (int round = 0; round < kReweightings; ++round) {
+    const Eigen::VectorXd residual = value - design * solution;
+    scatter = Scatter(residual);
+    weight = TukeyWeights(residual, 4.685 * std::max(scatter, std::sqrt(noise)));
     normal = design.transpose() * weight.asDiagonal() * design;
     const Eigen::LDLT<Eigen::Matrix3d> solver(normal);
-    if (solver.info() != Eigen::Success || !(solver.vectorD().minCoeff() > 1e-9 * n)) return false;
+    if (solver.info() != Eigen::Success || !(solver.vectorD().minCoeff() > 1e-6)) return false;
     solution = solver.solve(design.transpose() * weight.asDiagonal() * value);
-    const Eigen::VectorXd residual = value - design * solution;
-    std::vector<double> sizes(residual.data(), residual.data() + n);
-    for (double& r : sizes) r = std::abs(r);
-    // MAD to sigma, widened for the three unknowns that the fit has spent.
-    scatter = 1.4826 * Median(sizes) * std::sqrt(static_cast<double>(n) / (n - 3.0));
-    const double limit = 4.685 * std::max(scatter, std::sqrt(noise));
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const double u = residual[i] / limit;
-      weight[i] = std::abs(u) < 1 ? (1 - u * u) * (1 - u * u) : 0.0;
-    }
   }
-  if (weight.sum() < 0.5 * static_cast<double>(n)) return false;
   const double leverage = normal.inverse()(0, 0);
   prediction->inverse_depth = solution[0];
   prediction->sigma = std::sqrt((scatter * scatter + noise) * (1.0 + leverage));

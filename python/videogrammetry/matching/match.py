@@ -55,13 +55,23 @@ def image_covariance(targets: Targets, sigma_floor_px: float) -> FloatArray:
 
 
 def match_stage(
-    rig: RigData, targets: Sequence[Targets], options: MatchingOptions | None = None
+    rig: RigData,
+    targets: Sequence[Targets],
+    options: MatchingOptions | None = None,
+    extra_cov_px2: Sequence[FloatArray] | None = None,
 ) -> Matches:
     """Match the targets of one stage, one ``Targets`` a camera in the rig's order.
 
     Coded targets go by their ID, all others by the distance of their rays
     weighed with its covariance; the globally best compatible set is taken (see
     ``cpp/videogrammetry/matching/match.h`` for the model).
+
+    Parameters
+    ----------
+    rig, targets : the cameras and what each of them saw.
+    options : None: the defaults.
+    extra_cov_px2 : (N, 3) a camera, added to the centres' covariance: what the
+        calibration leaves uncertain at their places.
 
     Raises
     ------
@@ -72,14 +82,15 @@ def match_stage(
     core_options = _matching.MatchingOptions()
     for field in fields(options):
         setattr(core_options, field.name, getattr(options, field.name))
+    extra = extra_cov_px2 if extra_cov_px2 is not None else [0.0] * len(targets)
     cameras = [
         _matching.CameraTargets(
             np.ascontiguousarray(t.centre_px),
-            image_covariance(t, rig.sigma_floor_px.get(name, 0.0)),
+            image_covariance(t, rig.sigma_floor_px.get(name, 0.0)) + more,
             np.ascontiguousarray(t.id, dtype=np.int32),
             np.ascontiguousarray(t.semi_axes_px[:, 0]),
         )
-        for name, t in zip(rig.cameras, targets, strict=True)
+        for name, t, more in zip(rig.cameras, targets, extra, strict=True)
     ]
     result = _matching.match_stage(rig_model(rig), cameras, core_options)
     return Matches(

@@ -26,7 +26,7 @@ from videogrammetry.pipeline.frames import (
 )
 from videogrammetry.project import Project, provenance, read_rig
 from videogrammetry.recognition import RecognitionOptions, code_family
-from videogrammetry.reconstruction import Triangulator, reconstruct_stage
+from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.tracking import build_trajectories, link_stages
@@ -53,11 +53,16 @@ class StageResult:
 
 
 def measure_stage(
-    triangulator: Triangulator, targets: Sequence[Targets], options: MatchingOptions | None = None
+    triangulator: Triangulator,
+    targets: Sequence[Targets],
+    options: MatchingOptions | None = None,
+    field: CalibrationField | None = None,
 ) -> StageResult:
     """Match and reconstruct the targets of one stage, one ``Targets`` a camera."""
     rig = triangulator.rig
-    matches = match_stage(rig, targets, options)
+    field = field or CalibrationField(triangulator)
+    uncertain = [field.covariance(i, t.centre_px) for i, t in enumerate(targets)]
+    matches = match_stage(rig, targets, options, uncertain)
     cov = [
         image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
         for name, t in zip(rig.cameras, targets, strict=True)
@@ -105,10 +110,11 @@ def measure_frames(
     count = check_same_length(sources)
     first, last = stages or (1, count)
     triangulator = Triangulator(rig)
+    field = CalibrationField(triangulator)
 
     def work(index: int) -> StageResult:
         targets = [read_and_recognize(source, index, recognition) for source in sources.values()]
-        return measure_stage(triangulator, targets, matching)
+        return measure_stage(triangulator, targets, matching, field)
 
     results: list[StageResult] = []
     for result in map_bounded(work, range(first - 1, last), num_threads):

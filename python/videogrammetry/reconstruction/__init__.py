@@ -1,5 +1,6 @@
 """Reconstruction: matches to points with covariance."""
 
+from videogrammetry.reconstruction.field import CalibrationField
 from videogrammetry.reconstruction.rig import Rig
 from videogrammetry.reconstruction.triangulate import (
     TRIANGULATION_STATUS,
@@ -8,4 +9,4 @@ from videogrammetry.reconstruction.triangulate import (
     triangulate,
 )
 
-__all__ = ["TRIANGULATION_STATUS", "Rig", "Triangulator", "reconstruct_stage", "triangulate"]
+__all__ = ["TRIANGULATION_STATUS", "CalibrationField", "Rig", "Triangulator", "reconstruct_stage", "triangulate"]

@@ -57,7 +57,10 @@ class Triangulator:
         self.rig = rig
         self._model = rig_model(rig)
         self._cov = full_covariance(rig)
-        self._frame = self._shared_motion() if frame == "volume" else np.empty((0, 0))
+        #: (6, 16 K) shared rotation and translation by the parameters; empty: none taken out.
+        self.frame_by_parameters = (
+            self._shared_motion() if frame == "volume" else np.empty((0, 0))
+        )
         self._num_threads = num_threads
 
     def __call__(
@@ -75,7 +78,7 @@ class Triangulator:
             np.ascontiguousarray(xy_px, dtype=np.float64),
             np.ascontiguousarray(cov_px2, dtype=np.float64),
             self._cov,
-            self._frame,
+            self.frame_by_parameters,
             self._num_threads,
         )
         return result

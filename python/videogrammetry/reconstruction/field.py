@@ -1,0 +1,93 @@
+"""What the calibration leaves uncertain in each camera's picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from videogrammetry.geometry import (
+    CAMERA_PARAMETERS,
+    full_covariance,
+    project_with_jacobians,
+    rays_through_pixels,
+)
+
+if TYPE_CHECKING:
+    from videogrammetry.reconstruction.triangulate import Triangulator
+    from videogrammetry.types import FloatArray, RigCamera
+
+_NODES = (9, 7)  # over width and height: the field is as smooth as the distortion
+_POSE = len(CAMERA_PARAMETERS)
+
+
+def _cross(v: FloatArray) -> FloatArray:
+    """(N, 3, 3) matrices [v]_x."""
+    zero = np.zeros(len(v))
+    x, y, z = v.T
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+class CalibrationField:
+    """Variance of where each camera would see a known point, from the calibration alone.
+
+    The point is fixed in the frame of the calibrated volume (the rigid motion
+    that errors of the calibration share over the volume is taken out, see
+    :class:`Triangulator`), at the volume's mean depth along each pixel's ray.
+    Inside the calibrated part of a picture this is a few hundredths of a pixel
+    or less; it grows where the target never was, and matching must not be
+    stricter there than the calibration is.
+    """
+
+    def __init__(self, triangulator: Triangulator) -> None:
+        rig = triangulator.rig
+        self._nodes: list[FloatArray | None] = []
+        self._sizes = [camera.image_size_px for camera in rig.cameras.values()]
+        cov = full_covariance(rig)
+        frame = triangulator.frame_by_parameters
+        for k, camera in enumerate(rig.cameras.values()):
+            if not len(cov) or not len(frame) or rig.volume_mm is None:
+                self._nodes.append(None)
+                continue
+            depth = float((rig.volume_mm @ camera.rotation[2] + camera.translation_mm[2]).mean())
+            self._nodes.append(_variance_nodes(camera, k, depth, cov, frame))
+
+    def covariance(self, camera: int, xy_px: FloatArray) -> FloatArray:
+        """(N, 3) xx, xy, yy in px^2 at pixels (N, 2); 0 where the rig has no covariance."""
+        nodes = self._nodes[camera]
+        if nodes is None or not len(xy_px):
+            return np.zeros((len(xy_px), 3))
+        width, height = self._sizes[camera]
+        x = np.clip(xy_px[:, 0] / (width - 1), 0, 1) * (_NODES[0] - 1)
+        y = np.clip(xy_px[:, 1] / (height - 1), 0, 1) * (_NODES[1] - 1)
+        i = np.minimum(x.astype(int), _NODES[0] - 2)
+        j = np.minimum(y.astype(int), _NODES[1] - 2)
+        a, b = (x - i)[:, None], (y - j)[:, None]
+        upper = (1 - a) * nodes[j, i] + a * nodes[j, i + 1]
+        lower = (1 - a) * nodes[j + 1, i] + a * nodes[j + 1, i + 1]
+        field: FloatArray = (1 - b) * upper + b * lower
+        return field
+
+
+def _variance_nodes(
+    camera: RigCamera, index: int, depth_mm: float, cov: FloatArray, frame: FloatArray
+) -> FloatArray:
+    width, height = camera.image_size_px
+    x, y = np.meshgrid(np.linspace(0, width - 1, _NODES[0]), np.linspace(0, height - 1, _NODES[1]))
+    in_cam = depth_mm * rays_through_pixels(camera, np.column_stack([x.ravel(), y.ravel()]))
+    in_world = (in_cam - camera.translation_mm) @ camera.rotation
+    _, by_point, by_interior = project_with_jacobians(camera, in_cam)
+    by_rotation = -by_point @ _cross(in_cam - camera.translation_mm)
+    own = np.concatenate([by_interior, by_rotation, by_point], axis=2)
+    # The frame follows the calibration's error by M dp: x' = x + [-[x]_x, I] M dp.
+    effect = np.concatenate(
+        [-_cross(in_world), np.broadcast_to(np.eye(3), (len(in_world), 3, 3))], axis=2
+    )
+    total = by_point @ camera.rotation @ effect @ frame
+    total[:, :, _POSE * index : _POSE * (index + 1)] += own
+    variance = total @ cov @ np.swapaxes(total, 1, 2)
+    nodes: FloatArray = np.stack(
+        [variance[:, 0, 0], variance[:, 0, 1], variance[:, 1, 1]], axis=1
+    ).reshape(_NODES[1], _NODES[0], 3)
+    return np.nan_to_num(nodes)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from videogrammetry import __version__
 from videogrammetry.calibration.run import CalibrationRun, ObservationTable, Rejection
 from videogrammetry.geometry import rotation_from_vector
 from videogrammetry.types import INTERIOR_NAMES, PointSet, RigCamera, RigData
+from videogrammetry.version import __version__
 
 SIGMA_PX = 0.03
 POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz")

@@ -8,8 +8,8 @@ import os
 import platform
 import sys
 
-from videogrammetry import __version__
 from videogrammetry.cli.common import SubParsers, add_verb
+from videogrammetry.version import __version__
 
 NEEDED = ("numpy", "scipy", "h5py", "tifffile", "pillow")
 OPTIONAL = {"imagecodecs": "TIFF with rare compressions"}

@@ -19,8 +19,8 @@ def add_parser(verbs: SubParsers) -> None:
         "export",
         run,
         help="write a measurement in another format",
-        description="Writes trajectories, motion, the points of one stage or the targets seen; the suffix of FILE "
-        "is the format (.csv).",
+        description="Writes trajectories, motion, the points of one stage or the targets seen; "
+        "the suffix of FILE is the format (.csv).",
         example="videogrammetry export project.toml motion.csv --what motion",
     )
     parser.add_argument("project", type=Path, metavar="PROJECT", help="project.toml or its folder")

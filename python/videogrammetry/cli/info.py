@@ -93,7 +93,7 @@ def rig_info(path: Path) -> str:
         )
     header = ["camera", "size px", "f px", "x0 px", "y0 px", "X mm", "Y mm", "Z mm"]
     measured = next(iter(rig.cameras.values())).measured
-    how = rig.how
+    how = rig.how.get("provenance", rig.how)
     lines = [
         f"rig of {len(rig.cameras)} cameras; frame: {rig.reference or 'not stated'}; "
         f"distortion of the {'measured' if measured else 'ideal'} point",

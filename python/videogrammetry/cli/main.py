@@ -12,9 +12,9 @@ import os
 import sys
 from collections.abc import Sequence
 
-from videogrammetry import __version__
 from videogrammetry.cli import calibrate, doctor, export, info, measure, recognize
 from videogrammetry.errors import VideogrammetryError
+from videogrammetry.version import __version__
 
 VERBS = (recognize, calibrate, measure, export, info, doctor)
 

@@ -26,13 +26,15 @@ class Progress:
         self._start = time.monotonic()
         self._shown = -1e9 if self._terminal else self._start
         self._width = 0
-        self._first = 0
+        self._called = self._start
 
     def __call__(self, done: int, total: int, what: str = "") -> None:
         """States that ``done`` of ``total`` are done; ``what`` names a new part of the work."""
         now = time.monotonic()
         if what and what != self._what:
-            self._what, self._start, self._first = what, now, done
+            # Told only when something is done already, it began when the last part ended.
+            self._what, self._start = what, now if done == 0 else self._called
+        self._called = now
         interval = _TERMINAL_INTERVAL_S if self._terminal else _PLAIN_INTERVAL_S
         if done < total and now - self._shown < interval:
             return
@@ -56,7 +58,7 @@ class Progress:
             self._width = 0
 
     def _line(self, done: int, total: int, elapsed_s: float) -> str:
-        rate = (done - self._first) / elapsed_s if elapsed_s > 0 else 0.0
+        rate = done / elapsed_s if elapsed_s > 0 else 0.0
         parts = [f"{self._what}:" if self._what else ""]
         if self._terminal and total > 0:
             full = round(_BAR * min(done, total) / total)

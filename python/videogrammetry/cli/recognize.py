@@ -7,17 +7,14 @@ import collections
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
-
-import numpy.typing as npt
 
 from videogrammetry.cli.common import SubParsers, add_force, add_verb, write_result
 from videogrammetry.cli.progress import Progress
+from videogrammetry.pipeline.frames import map_bounded, read_and_recognize
 from videogrammetry.project import format_targets, refuse_overwrite, target_table
 from videogrammetry.recognition.options import RecognitionOptions
+from videogrammetry.report import write_overlay
 from videogrammetry.sequence import JoinedSource, open_sequence
 from videogrammetry.types import Targets
 
@@ -152,44 +149,19 @@ def overlay_name(name: str) -> str:
 def _recognize_all(
     source: JoinedSource, names: list[str], options: RecognitionOptions, overlay: Path | None
 ) -> list[Targets]:
-    from videogrammetry.recognition import recognize
-
     def one(index: int) -> Targets:
-        frame = source.read(index)
-        targets: Targets = recognize(frame, options)
+        targets = read_and_recognize(source, index, options)
         if overlay is not None:
-            _draw(frame, targets, overlay / overlay_name(names[index]))
+            path = overlay / overlay_name(names[index])
+            write_overlay(path, source.read(index), targets, names[index])
         return targets
 
     progress = Progress("recognize", "pictures")
     found: list[Targets] = []
     try:
-        for targets in in_order(one, len(source)):
+        for targets in map_bounded(one, range(len(source))):
             found.append(targets)
             progress(len(found), len(source))
     finally:
         progress.close()
     return found
-
-
-def in_order(work: Callable[[int], Targets], count: int) -> Iterator[Targets]:
-    """``work(0)``, ``work(1)``, ... by several threads, only a few ahead of the one taken."""
-    workers = min(os.cpu_count() or 1, count)
-    with ThreadPoolExecutor(workers) as pool:
-        waiting: collections.deque[Future[Targets]] = collections.deque()
-        try:
-            for index in range(count):
-                waiting.append(pool.submit(work, index))
-                if len(waiting) > 2 * workers:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
-
-
-def _draw(frame: npt.NDArray[Any], targets: Targets, path: Path) -> None:
-    from videogrammetry.report import write_overlay
-
-    write_overlay(path, frame, targets)

@@ -63,7 +63,7 @@ def recognize(
     Examples
     --------
     >>> y, x = np.mgrid[:60, :80]
-    >>> distance = np.hypot(x - 40.25, y - 30.5)
+    >>> distance = np.hypot(x - 40.2, y - 30.5)
     >>> image = np.uint8(20 + 200 * np.clip(10.5 - distance, 0, 1))
     >>> targets = recognize(image)
     >>> targets.centre_px.round(1).tolist(), targets.id.tolist()

@@ -19,6 +19,7 @@ from videogrammetry.geometry import vector_from_rotation
 from videogrammetry.report.html import (
     Cell,
     count,
+    deviation,
     escape,
     facts,
     figure,
@@ -138,7 +139,7 @@ class _Camera:
                 [
                     name,
                     number(value, sigma if estimated else None),
-                    f"{sigma:.2g}" if estimated and sigma is not None else "",
+                    deviation(sigma) if estimated and sigma is not None else "",
                     unit,
                     _times(ratio),
                     Cell("estimated" if estimated else self._why_not(name), "why"),
@@ -268,7 +269,7 @@ def _baselines(run: CalibrationRun) -> str:
     rows = []
     for k, first in enumerate(firsts):
         for second in names[k + 1 :]:
-            baseline = np.linalg.norm(_centre(run, second) - _centre(run, first))
+            baseline = math.dist(_centre(run, second), _centre(run, first))
             axes = run.rig.cameras[first].rotation[2], run.rig.cameras[second].rotation[2]
             rows.append([f"{first}, {second}", f"{baseline:.3f}", f"{_angle_deg(*axes):.2f}"])
     if not rows:
@@ -278,13 +279,13 @@ def _baselines(run: CalibrationRun) -> str:
 
 
 def _sigmas(sigma: Any, names: tuple[str, ...], factor: float, form: str) -> str:
-    if not all(name in sigma for name in names):
+    if not any(sigma.get(name) for name in names):
         return "fixed"
-    return " ".join(format(sigma[name] * factor, form) for name in names)
+    return " ".join(format(sigma.get(name, 0.0) * factor, form) for name in names)
 
 
 def _angle_deg(a: FloatArray, b: FloatArray) -> float:
-    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b)))
+    return math.degrees(math.atan2(math.hypot(*np.cross(a, b)), float(a @ b)))
 
 
 def _pictures(run: CalibrationRun) -> str:
@@ -356,8 +357,9 @@ def _rejected(run: CalibrationRun) -> str:
 
 def _provenance(run: CalibrationRun) -> str:
     how = run.rig.how
-    main = [("program", f"{how.get('program', '')} {how.get('version', '')}".strip())]
-    main += [("time", str(how.get("time_utc", ""))), ("calculation", f"{run.seconds:.2f} s")]
+    origin = how.get("provenance", how)
+    main = [("program", f"{origin.get('program', '')} {origin.get('version', '')}".strip())]
+    main += [("time", str(origin.get("time_utc", ""))), ("calculation", f"{run.seconds:.2f} s")]
     rows: list[list[str | Cell]] = [[name, Cell(value, "l")] for name, value in main if value]
     details = json.dumps(dict(how), indent=1, ensure_ascii=False, default=str)
     return (

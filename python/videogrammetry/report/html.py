@@ -145,6 +145,17 @@ def number(value: float, sigma: float | None = None) -> str:
     return f"{value:.{max(0, digits)}e}"
 
 
+def deviation(sigma: float) -> str:
+    """A standard deviation with two digits.
+
+    Examples
+    --------
+    >>> deviation(7e-6), deviation(0.065), deviation(12.3)
+    ('7.0e-06', '0.065', '12')
+    """
+    return f"{sigma:.0f}" if sigma >= 10 else f"{sigma:#.2g}"
+
+
 def count(value: int) -> str:
     """A whole number in groups of three.
 

@@ -133,9 +133,7 @@ def _camera_pyramids(rig: RigData, points: FloatArray) -> list[tuple[str, FloatA
         reach = 0.12 * float(np.linalg.norm(middle - centre))
         width, height = camera.image_size_px
         f = camera.interior[0]
-        corners = np.array(
-            [[sx * width / 2 / f, sy * height / 2 / f, 1.0] for sx, sy in _CORNERS]
-        )
+        corners = np.array([[sx * width / 2 / f, sy * height / 2 / f, 1.0] for sx, sy in _CORNERS])
         pyramids.append((name, np.vstack([centre, centre + reach * corners @ camera.rotation])))
     return pyramids
 

@@ -144,13 +144,15 @@ def _draw_ellipse(picture: Image.Image, ellipse: _Ellipse, colour: tuple[int, in
     slope = 2 * np.hypot(u / ellipse.major, v / ellipse.minor)
     distance = (u**2 + v**2 - 1) / np.maximum(slope, 1e-9)
     share = np.clip(_LINE_PX / 2 + 0.5 - np.abs(distance), 0, 1)
+    halo = 0.5 * np.clip(_LINE_PX / 2 + 1.5 - np.abs(distance), 0, 1)
     arm = min(0.3 * 2 * ellipse.minor, 6.0)
     if arm >= 2.5:
         bars = np.minimum(np.clip(1.0 - np.abs(y), 0, 1), np.clip(arm + 0.5 - np.abs(x), 0, 1))
         across = np.minimum(np.clip(1.0 - np.abs(x), 0, 1), np.clip(arm + 0.5 - np.abs(y), 0, 1))
         share = np.maximum(share, np.maximum(bars, across))
-    mask = Image.fromarray(np.rint(255 * share).astype(np.uint8))
-    picture.paste(colour, (left, top), mask)
+    for paint, part in (((0, 0, 0), halo), (colour, share)):
+        mask = Image.fromarray(np.rint(255 * part).astype(np.uint8))
+        picture.paste(paint, (left, top), mask)
 
 
 class _Labels:

@@ -16,7 +16,7 @@ BLUE, RED, LINE, SOFT, EMPTY = "#1f6fb2", "#c8352b", "#c9d1db", "#5b6675", "#fbe
 _WIDTH = 620.0
 _MOST_VECTORS = 4000
 #: Length of a typical vector (95th percentile) as a part of the drawing's width.
-_VECTOR_PART = 0.05
+_VECTOR_PART = 0.04
 
 
 def round_down(value: float) -> float:

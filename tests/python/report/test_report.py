@@ -102,9 +102,9 @@ def test_vectors_show_each_observation_once() -> None:
     drawn = residual_vectors((100, 100), xy, residual, used, ["a", "b", "c"])
     assert drawn.count("<title>") == 3
     assert drawn.count("<circle") == 2 + 1  # and the legend's
-    # The rejected vector is cut to six typical lengths: 6 * 5 % of 620 px.
+    # The rejected vector is cut to six typical lengths: 6 * 4 % of 620 px.
     tip = re.search(r"M[\d.]+ [\d.]+l([\d.]+) ([\d.]+)[^>]*><title>c", drawn)
-    assert np.hypot(float(tip[1]), float(tip[2])) == pytest.approx(186, abs=0.5)
+    assert np.hypot(float(tip[1]), float(tip[2])) == pytest.approx(148.8, abs=0.5)
 
 
 def test_no_observation_used_is_drawn_all_the_same() -> None:

@@ -1,0 +1,362 @@
+"""The command: exit status, one paragraph about what is wrong, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from calibration_fakes import fake_run
+from PIL import Image
+
+from videogrammetry.project import read_rig, read_targets, write_rig
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+VERBS = ("recognize", "calibrate", "measure", "export", "info", "doctor")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Runs the command in ``tmp_path``; asserts the exit status."""
+
+    def call(*args: object, status: int = 0) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "videogrammetry", *map(str, args)]
+        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert result.returncode == status, result.stderr
+        assert "Traceback" not in result.stderr
+        return result
+
+    return call
+
+
+def complaint(result: subprocess.CompletedProcess[str], verb: str) -> str:
+    """The message of a failed run: the last line; nothing may have gone to stdout."""
+    assert result.stdout == ""
+    *before, last = result.stderr.splitlines()
+    assert last.startswith(f"videogrammetry {verb}: "), result.stderr
+    assert all(line.startswith(("recognize: ", "recognising: ")) for line in before), before
+    return last
+
+
+def dots(places: list[tuple[float, float]], size: tuple[int, int] = (160, 120)) -> np.ndarray:
+    """A picture with white dots of 10 px radius on black."""
+    x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    image = np.full(size[::-1], 20.0)
+    for cx, cy in places:
+        image += 200 * np.clip(10.5 - np.hypot(x - cx, y - cy), 0, 1)
+    return image.astype(np.uint8)
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for i in (1, 2, 10):
+        tifffile.imwrite(folder / f"img{i}.tif", dots([(40 + i, 50), (110, 70.5)]))
+    return folder
+
+
+# --- usage ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "args", [(), ("cook",), ("recognize",), ("calibrate", "p", "--method", "x")]
+)
+def test_wrong_usage_is_2(run: Run, args: tuple[str, ...]) -> None:
+    assert "usage: videogrammetry" in run(*args, status=2).stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_with_an_example(run: Run, verb: str) -> None:
+    text = run(verb, "--help").stdout
+    assert f"example:\n  videogrammetry {verb}" in text
+
+
+def test_help_names_all_verbs_and_version_is_stated(run: Run) -> None:
+    text = run("--help").stdout
+    assert all(verb in text for verb in VERBS)
+    assert run("--version").stdout.startswith("videogrammetry 0.")
+
+
+# --- recognize -----------------------------------------------------------------
+
+
+def test_recognize_writes_a_table_and_overlays(run: Run, tmp_path: Path, pictures: Path) -> None:
+    result = run("recognize", "pictures", "--out", "t.csv", "--overlay", "o", "--codes", "none")
+    assert result.stdout == ""
+    assert "3 pictures: 0 coded, 6 un-coded targets" in result.stderr
+    table = read_targets(tmp_path / "t.csv")
+    assert table.image == ("img1.tif",) * 2 + ("img2.tif",) * 2 + ("img10.tif",) * 2
+    # 8-bit rounding of a ramp one pixel wide, over the 66 edge pixels of such a dot: the
+    # centre is sure to a few hundredths.
+    assert np.abs(table.xy_px[table.xy_px[:, 0] > 80] - (110, 70.5)).max() < 0.05
+    overlays = sorted(p.name for p in (tmp_path / "o").iterdir())
+    assert overlays == ["img1.tif.png", "img10.tif.png", "img2.tif.png"]
+    with Image.open(tmp_path / "o" / overlays[0]) as image:
+        image.load()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["o", "pictures", "t.csv"]
+
+
+def test_recognize_to_standard_output(run: Run, pictures: Path) -> None:
+    result = run("recognize", "pictures/img*.tif")
+    header, *rows = result.stdout.splitlines()
+    assert header.startswith("image,camera,stage,id,x_px,y_px,")
+    assert len(rows) == 6
+    assert rows[0].startswith("img1.tif,,,,")
+    assert "recognize: 3/3 pictures" in result.stderr
+
+
+def test_nothing_is_overwritten_without_force(run: Run, tmp_path: Path, pictures: Path) -> None:
+    (tmp_path / "t.csv").write_text("mine")
+    message = complaint(run("recognize", "pictures", "--out", "t.csv", status=1), "recognize")
+    assert "t.csv" in message
+    assert "--force" in message
+    assert (tmp_path / "t.csv").read_text() == "mine"
+    run("recognize", "pictures", "--out", "t.csv", "--force")
+    assert len(read_targets(tmp_path / "t.csv")) == 6
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o" / "img2.tif.png").touch()
+    message = complaint(run("recognize", "pictures", "--overlay", "o", status=1), "recognize")
+    assert "img2.tif.png" in message
+
+
+def spoil_text(path: Path) -> None:
+    path.write_text("this is no picture")
+
+
+def spoil_short(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:3000])
+
+
+def spoil_empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+@pytest.mark.parametrize("spoil", [spoil_text, spoil_short, spoil_empty])
+def test_one_bad_picture_is_named_and_nothing_written(
+    run: Run, tmp_path: Path, pictures: Path, spoil: Callable[[Path], None]
+) -> None:
+    spoil(pictures / "img10.tif")
+    result = run("recognize", "pictures", "--out", "t.csv", "--overlay", "o", status=1)
+    message = complaint(result, "recognize")
+    assert "img10.tif" in message
+    assert "img1.tif" not in message
+    assert [p.name for p in tmp_path.iterdir()] == ["pictures"]
+
+
+def test_a_png_that_ends_early_is_found_while_reading(run: Run, tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        Image.fromarray(dots([(50, 50)])).save(tmp_path / name)
+    whole = (tmp_path / "b.png").read_bytes()
+    (tmp_path / "b.png").write_bytes(whole[: len(whole) // 2])
+    result = run("recognize", "*.png", "--out", "t.csv", "--overlay", "o", status=1)
+    assert "b.png: PNG picture cut short" in complaint(result, "recognize")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "b.png"]
+
+
+@pytest.mark.parametrize("spec", ["nothere", "pictures/cam7*", "nothere/*.tif"])
+def test_nothing_matches(run: Run, pictures: Path, spec: str) -> None:
+    message = complaint(run("recognize", spec, status=1), "recognize")
+    assert spec.split("/")[-1] in message
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--diameter-px", "20", "5"), "diameter"),
+        (("--codes", "schneider-13"), "schneider-13"),
+        (("--method", "guess"), "guess"),
+    ],
+)
+def test_options_out_of_range(run: Run, pictures: Path, options: tuple, word: str) -> None:
+    assert word in complaint(run("recognize", "pictures", *options, status=1), "recognize")
+
+
+def test_equal_names_get_their_folders(run: Run, tmp_path: Path) -> None:
+    for folder in ("left", "right"):
+        (tmp_path / folder).mkdir()
+        tifffile.imwrite(tmp_path / folder / "1.tif", dots([(50, 50)]))
+    rows = run("recognize", "left", "right", "--overlay", "o").stdout.splitlines()[1:]
+    assert [row.split(",")[0] for row in rows] == ["left/1.tif", "right/1.tif"]
+    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == [
+        "left_1.tif.png",
+        "right_1.tif.png",
+    ]
+    message = complaint(run("recognize", "left", "left/1.tif", status=1), "recognize")
+    assert "given twice" in message
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_interrupted_is_130_and_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    frames = np.stack([dots([(30 + i, 40 + j) for i in (0, 60) for j in (0, 40)])] * 4000)
+    tifffile.imwrite(tmp_path / "in" / "s.tif", frames[..., None][..., 0], photometric="minisblack")
+    command = [sys.executable, "-m", "videogrammetry", "recognize", "in", "--out", "t.csv"]
+    process = subprocess.Popen(
+        [*command, "--overlay", "o"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".overlay-*/*.png")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130, stderr
+    assert "interrupted" in stderr
+    assert "Traceback" not in stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["in"]
+
+
+# --- calibrate, measure --------------------------------------------------------
+
+PROJECT = """\
+schema = 1
+[cameras.left]
+calibration = "left/*.tif"
+[cameras.right]
+calibration = "right/*.tif"
+[calibration]
+target = "cross.csv"
+"""
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    for camera in ("left", "right"):
+        (tmp_path / camera).mkdir()
+        for i in (1, 2):
+            tifffile.imwrite(tmp_path / camera / f"{i}.tif", dots([(50, 50), (110, 70)]))
+    (tmp_path / "cross.csv").write_text("id,x_mm,y_mm,z_mm\n1,0,0,0\n2,9,0,0\n3,0,9,0\n4,0,0,9\n")
+    (tmp_path / "project.toml").write_text(PROJECT)
+    return tmp_path
+
+
+def change(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("project.toml", "target =", "tagret =", ["line 7", "tagret", "'target'"]),
+        ("project.toml", "schema = 1", "schema = 9", ["line 1", "newer"]),
+        ("project.toml", 'target = "', 'target = "no', ["nocross.csv", "no such table"]),
+        ("project.toml", "right/*.tif", "wrong/*.tif", ["wrong", "right"]),
+        ("cross.csv", "2,9,0,0", "1,9,0,0", ["cross.csv, line 3", "column id", "twice"]),
+        ("cross.csv", "2,9,0,0", "2,9o,0,0", ["cross.csv, line 3", "column x_mm", "'9o'"]),
+        ("cross.csv", "2,9,0,0", "2,nan,0,0", ["cross.csv, line 3", "column x_mm", "nan"]),
+    ],
+)
+def test_bad_projects(run: Run, project: Path, name: str, old: str, new: str, words: list) -> None:
+    change(project / name, old, new)
+    before = sorted(p.name for p in project.rglob("*"))
+    message = complaint(run("calibrate", "project.toml", status=1), "calibrate")
+    for word in words:
+        assert word in message
+    assert sorted(p.name for p in project.rglob("*")) == before
+
+
+def test_cameras_with_different_numbers_of_frames(run: Run, project: Path) -> None:
+    (project / "right" / "2.tif").unlink()
+    message = complaint(run("calibrate", ".", status=1), "calibrate")
+    assert "'left' has 2 frames" in message
+    assert "'right' has 1" in message
+
+
+def test_a_truncated_picture_stops_a_calibration(run: Run, project: Path) -> None:
+    spoil_short(project / "left" / "2.tif")
+    message = complaint(run("calibrate", "project.toml", status=1), "calibrate")
+    assert "2.tif" in message
+    assert not (project / "rig.json").exists()
+
+
+def test_calibration_that_cannot_succeed(run: Run, project: Path) -> None:
+    complaint(run("calibrate", "project.toml", status=1), "calibrate")
+    assert not list(project.glob("rig[.-]*"))
+
+
+def test_measure_without_a_rig(run: Run, project: Path) -> None:
+    for camera in ("left", "right"):
+        change(
+            project / "project.toml",
+            f'"{camera}/*.tif"',
+            f'"{camera}/*.tif"\nsequence = "{camera}"',
+        )
+    message = complaint(run("measure", "project.toml", status=1), "measure")
+    assert "rig.json" in message
+    assert not (project / "measurement.h5").exists()
+
+
+@pytest.mark.data
+def test_calibrate_simulated_rig(run: Run, tmp_path: Path, data: Path) -> None:
+    folder = data / "rig-simulated" / "mild"
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    result = run("calibrate", "project.toml")
+    assert result.stdout.splitlines()[0].split()[:2] == ["camera", "pictures"]
+    rig = read_rig(tmp_path / "rig.json")
+    assert list(rig.cameras) == ["1", "2", "3", "4"]
+    assert rig.cov is not None
+    page = (tmp_path / "rig-report.html").read_text()
+    assert "simulated rig" in page
+    assert "Nothing stands out" in page or "Look closer" in page
+    assert "rig.json is there already" in complaint(run("calibrate", ".", status=1), "calibrate")
+    run("calibrate", ".", "--force", "--method", "mean", "--out", "mean.json")
+    assert json.loads((tmp_path / "mean.json").read_text())["how"]
+    assert "rig of 4 cameras" in run("info", "rig.json").stdout
+
+
+# --- info, export, doctor ------------------------------------------------------
+
+
+def test_info_of_everything(run: Run, tmp_path: Path, project: Path) -> None:
+    write_rig(tmp_path / "rig.json", fake_run().rig)
+    run("recognize", "left", "--out", "targets.csv")
+    (tmp_path / "bars.csv").write_text("point_a,point_b,length_mm,sigma_mm\n1,2,9,0.1\n")
+    (tmp_path / "seen.csv").write_text("image,point,x_px,y_px\na,1,2,3\n")
+    expected = {
+        "project.toml": "2 cameras",
+        ".": "2 cameras",
+        "rig.json": "rig of 4 cameras",
+        "cross.csv": "points: 4 without",
+        "targets.csv": "targets: 4 in 2 pictures",
+        "bars.csv": "scale bars: 1",
+        "seen.csv": "observations: 1 in 1 pictures",
+        "left": "sequence: 2 frames, 160x120 px, 8 bit",
+        "left/1.tif": "sequence: 1 frame,",
+    }
+    for name, words in expected.items():
+        assert words in run("info", name).stdout, name
+    for name in ("nothere.json", "nothere.csv", "nothere.h5", "nothere.toml", "nothere"):
+        assert "nothere" in complaint(run("info", name, status=1), "info")
+
+
+def test_export_of_nothing(run: Run, project: Path) -> None:
+    message = complaint(run("export", "project.toml", "out.csv", status=1), "export")
+    assert "measurement.h5" in message
+    message = complaint(run("export", "project.toml", "out.xyz", status=1), "export")
+    assert "'.xyz'" in message
+    assert ".csv" in message
+    message = complaint(run("export", ".", "o.csv", "--stage", "3", status=1), "export")
+    assert "--what points" in message
+
+
+def test_doctor(run: Run) -> None:
+    text = run("doctor").stdout
+    for word in ("numpy", "instruction set", "python", "all that is needed is there"):
+        assert word in text
+
+
+def test_a_reader_that_leaves_early_is_no_error_message(tmp_path: Path) -> None:
+    script = f"{sys.executable} -m videogrammetry doctor | true"
+    done = subprocess.run(script, shell=True, capture_output=True, text=True, check=False)
+    assert done.stderr == ""

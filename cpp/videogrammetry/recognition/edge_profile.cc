@@ -10,25 +10,59 @@
 namespace videogrammetry {
 namespace {
 
-/// Mean and first harmonic of `values` along the contour.
-Eigen::ArrayXf SmoothAlongContour(const EdgeProfiles& profiles, const Eigen::ArrayXf& values) {
+/// Prior standard deviation of a plateau's first harmonic, in units of the
+/// contrast: light seldom changes by more across a dot.
+constexpr double kPriorGradient = 0.02;
+/// A plateau's columns beyond the edge's end that are averaged at most, and how
+/// level they are, in units of the contrast.
+constexpr int kPlateauColumns = 3;
+constexpr float kPlateauFlatness = 0.03f;
+/// Length of contour over which neighbouring profiles share their pixels.
+constexpr double kSharedPx = 1.5;
+
+/// Values along the contour, smoothed.
+struct Harmonic {
+  Eigen::ArrayXf values;
+  double variance = 0.0;  ///< of either coefficient of the first harmonic
+};
+
+/// Mean and first harmonic of `values` along the contour, the harmonic held
+/// towards zero by the prior where noise says little about it.
+Harmonic SmoothAlongContour(const EdgeProfiles& profiles, const Eigen::ArrayXf& values,
+                            double contrast) {
   Eigen::Matrix3f normal = Eigen::Matrix3f::Zero();
   Eigen::Vector3f right = Eigen::Vector3f::Zero();
-  for (int i = 0; i < profiles.count(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const Eigen::Vector3f row(1.0f, static_cast<float>(profiles.u[k].x()),
-                              static_cast<float>(profiles.u[k].y()));
-    normal += profiles.weight[k] * row * row.transpose();
-    right += profiles.weight[k] * values[i] * row;
-  }
-  const Eigen::Vector3f solution = normal.ldlt().solve(right);
-  Eigen::ArrayXf smooth(profiles.count());
-  for (int i = 0; i < profiles.count(); ++i) {
+  const auto row_of = [&](int i) {
     const auto& u = profiles.u[static_cast<std::size_t>(i)];
-    smooth[i] = solution[0] + solution[1] * static_cast<float>(u.x()) +
-                solution[2] * static_cast<float>(u.y());
+    return Eigen::Vector3f(1.0f, static_cast<float>(u.x()), static_cast<float>(u.y()));
+  };
+  for (int i = 0; i < profiles.count(); ++i) {
+    const Eigen::Vector3f row = row_of(i);
+    const float weight = profiles.weight[static_cast<std::size_t>(i)];
+    normal += weight * row * row.transpose();
+    right += weight * values[i] * row;
   }
+  Eigen::Vector3f solution = normal.ldlt().solve(right);
+  double squares = 0;
+  for (int i = 0; i < profiles.count(); ++i) {
+    const float residual = values[i] - row_of(i).dot(solution);
+    squares += residual * residual;
+  }
+  const double independent = std::max(4.0, profiles.perimeter_px / kSharedPx);
+  const double noise = 2.0 * squares / profiles.count() / std::max(1.0, independent - 3.0);
+  const double prior = kPriorGradient * kPriorGradient * contrast * contrast;
+  const double trust = prior / (prior + noise);
+  solution.tail<2>() *= static_cast<float>(trust);
+  Harmonic smooth;
+  smooth.variance = trust * noise;
+  smooth.values.resize(profiles.count());
+  for (int i = 0; i < profiles.count(); ++i) smooth.values[i] = row_of(i).dot(solution);
   return smooth;
+}
+
+/// Mean of the columns first ... last of each profile.
+Eigen::ArrayXf MeanColumns(const EdgeProfiles& p, int first, int last) {
+  return p.grey.middleCols(first, last - first + 1).rowwise().mean();
 }
 
 }  // namespace
@@ -99,18 +133,32 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
   outer = std::min(outer, n - 1);
   levels.inner = inner;
   levels.outer = outer;
-  double weight = 0, first = 0, second = 0;
+  double weight = 0, moment = 0, second = 0;
   for (int j = inner; j <= outer; ++j) {
     const double f = std::max(0.0f, levels.mean_fall[j]);
     const double d = kProfileStepPx * static_cast<double>(j - p.inward);
     weight += f;
-    first += f * d;
+    moment += f * d;
     second += f * d * d;
   }
   if (!(weight > 0)) return std::nullopt;
-  levels.width_px = std::sqrt(std::max(0.01, second / weight - first * first / (weight * weight)));
-  levels.inside = SmoothAlongContour(p, p.grey.col(inner));
-  levels.outside = SmoothAlongContour(p, p.grey.col(outer));
+  levels.width_px = std::sqrt(std::max(0.01, second / weight - moment * moment / (weight * weight)));
+  // As much of the plateaus as there is, up to 1.5 px: less noise.
+  const float contrast = mean[inner] - mean[outer];
+  int first = inner, last = outer;
+  const auto flat = [&](int j, int edge) {
+    return std::abs(mean[j] - mean[edge]) < kPlateauFlatness * contrast;
+  };
+  while (first > 0 && inner - first < kPlateauColumns && flat(first - 1, inner)) --first;
+  while (last + 1 < n && last - outer < kPlateauColumns && flat(last + 1, outer)) ++last;
+  Harmonic inside = SmoothAlongContour(p, MeanColumns(p, first, inner), contrast);
+  Harmonic outside = SmoothAlongContour(p, MeanColumns(p, outer, last), contrast);
+  levels.inside = std::move(inside.values);
+  levels.outside = std::move(outside.values);
+  // Half-way level over the slope at the edge, contrast / (sqrt(2 pi) width).
+  levels.shift_variance_px2 = 0.25 * (inside.variance + outside.variance) * 2 *
+                              std::numbers::pi * levels.width_px * levels.width_px /
+                              (static_cast<double>(contrast) * contrast);
   return levels;
 }
 

@@ -37,6 +37,10 @@ struct EdgeLevels {
   double width_px = 0.0;        ///< standard deviation of the edge's spread
   Eigen::ArrayXf inside;        ///< grey values of both plateaus at each profile,
   Eigen::ArrayXf outside;       ///< smooth along the contour
+  /// Variance that the plateaus' noise adds to either coordinate of the centre:
+  /// an error of the half-way level's first harmonic moves the whole ellipse,
+  /// so the residuals do not show it.
+  double shift_variance_px2 = 0.0;
   Eigen::ArrayXf mean_fall;     ///< fall of the mean profile from column k - 1 to k + 1, over 2
 };
 
@@ -45,8 +49,9 @@ struct EdgeLevels {
 /// The mean profile's fall is followed from its steepest place to both sides
 /// until it has gone to 5 % or turns: those columns are the plateaus, also
 /// where a dark rim is only two pixels wide. A plateau's grey values are
-/// replaced by their mean and first harmonic along the contour (illumination),
-/// so that the noise of single samples does not move the half-way level.
+/// replaced by their mean and first harmonic along the contour (illumination,
+/// held towards none by a prior), so that the noise of single samples does not
+/// move the half-way level.
 /// @return nullopt if the mean profile does not fall within a pixel of the ellipse.
 std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& profiles);
 

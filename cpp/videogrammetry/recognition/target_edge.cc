@@ -46,7 +46,7 @@ bool HasContrastAllAround(const SignedImage<T>& image, const Candidate& candidat
     const Eigen::Vector2f point = frame.Point(u).cast<float>();
     const Eigen::Vector2f normal = frame.Normal(u).cast<float>();
     const Eigen::Vector2f in = point - static_cast<float>(inward) * normal;
-    const Eigen::Vector2f out = point + 2.0f * normal;
+    const Eigen::Vector2f out = point + 1.25f * normal;
     failed += image.Bilinear(in.x(), in.y()) - image.Bilinear(out.x(), out.y()) < least;
   }
   return failed <= kMayFail;
@@ -220,6 +220,21 @@ bool IsDot(const Refinement& r, const Ellipse& e, double rms, double independent
   return rms < 0.15 + 0.02 * e.semi_minor_px;
 }
 
+/// The ellipse before it was blurred.
+///
+/// Blur of variance s^2 moves the half-way contour towards the centre of
+/// curvature by s^2 k / 2 (a disc of radius r looks s^2 / (2 r) smaller); at the
+/// ends of the axes k = a / b^2 and b / a^2. The edge's measured spread holds
+/// 1/12 px^2 of the difference quotient that it was measured with.
+Ellipse WithoutBlur(Ellipse e, double width_px) {
+  const double a = e.semi_major_px, b = e.semi_minor_px;
+  const double half_variance = 0.5 * std::max(0.0, width_px * width_px - 1.0 / 12.0);
+  // A dot not much larger than its blur is no longer described to first order.
+  e.semi_major_px += std::min(half_variance * a / (b * b), 0.1 * a);
+  e.semi_minor_px += std::min(half_variance * b / (a * a), 0.1 * b);
+  return e;
+}
+
 TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& sum,
                      double independent) {
   TargetEdge edge;
@@ -234,7 +249,10 @@ TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& s
   const Matrix5d inverse = r.normal.ldlt().solve(Matrix5d::Identity());
   const Matrix5d jacobian = r.frame.EllipseJacobian();
   const double spread = sum.weight / independent;
+  // (weights are lengths: weight / independent profiles share one observation)
   edge.cov = variance * spread * jacobian * inverse * jacobian.transpose();
+  edge.cov(0, 0) += r.levels.shift_variance_px2;
+  edge.cov(1, 1) += r.levels.shift_variance_px2;
   // A direction is never known worse than not at all.
   const double most = std::numbers::pi / std::sqrt(12.0);
   const double sigma = std::sqrt(edge.cov(4, 4));
@@ -256,7 +274,7 @@ std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
   if (!start) return std::nullopt;
   const auto refined = Refine(image, *start, options);
   if (!refined) return std::nullopt;
-  const Ellipse e = refined->frame.ToEllipse();
+  const Ellipse e = WithoutBlur(refined->frame.ToEllipse(), refined->levels.width_px);
   if (2 * e.semi_minor_px < options.diameter_px[0] || 2 * e.semi_major_px > options.diameter_px[1]) {
     return std::nullopt;
   }

@@ -17,19 +17,23 @@ constexpr double kPriorGradient = 0.02;
 /// level they are, in units of the contrast.
 constexpr int kPlateauColumns = 3;
 constexpr float kPlateauFlatness = 0.03f;
+/// Width of the weight of the mean gradient as a part of the edge's own.
+constexpr double kWeightWidth = 0.5;
 /// Length of contour over which neighbouring profiles share their pixels.
 constexpr double kSharedPx = 1.5;
 
 /// Values along the contour, smoothed.
 struct Harmonic {
   Eigen::ArrayXf values;
-  double variance = 0.0;  ///< of either coefficient of the first harmonic
+  double variance = 0.0;       ///< of either coefficient of the first harmonic
+  double mean_variance = 0.0;  ///< of the mean
 };
 
-/// Mean and first harmonic of `values` along the contour, the harmonic held
-/// towards zero by the prior where noise says little about it.
-Harmonic SmoothAlongContour(const EdgeProfiles& profiles, const Eigen::ArrayXf& values,
-                            double contrast) {
+/// Mean of the columns first ... last of each profile, smoothed along the
+/// contour to its mean and first harmonic; the harmonic is held towards zero
+/// by the prior where noise says little about it.
+Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double contrast) {
+  const Eigen::ArrayXf values = profiles.grey.middleCols(first, last - first + 1).rowwise().mean();
   Eigen::Matrix3f normal = Eigen::Matrix3f::Zero();
   Eigen::Vector3f right = Eigen::Vector3f::Zero();
   const auto row_of = [&](int i) {
@@ -48,21 +52,20 @@ Harmonic SmoothAlongContour(const EdgeProfiles& profiles, const Eigen::ArrayXf& 
     const float residual = values[i] - row_of(i).dot(solution);
     squares += residual * residual;
   }
-  const double independent = std::max(4.0, profiles.perimeter_px / kSharedPx);
+  // Inside a small dot the columns run on a short way around its middle.
+  const double offset = kProfileStepPx * (0.5 * (first + last) - profiles.inward);
+  const double contour = profiles.perimeter_px + 2 * std::numbers::pi * offset;
+  const double independent = std::max(4.0, contour / kSharedPx);
   const double noise = 2.0 * squares / profiles.count() / std::max(1.0, independent - 3.0);
   const double prior = kPriorGradient * kPriorGradient * contrast * contrast;
   const double trust = prior / (prior + noise);
   solution.tail<2>() *= static_cast<float>(trust);
   Harmonic smooth;
   smooth.variance = trust * noise;
+  smooth.mean_variance = 0.5 * noise;
   smooth.values.resize(profiles.count());
   for (int i = 0; i < profiles.count(); ++i) smooth.values[i] = row_of(i).dot(solution);
   return smooth;
-}
-
-/// Mean of the columns first ... last of each profile.
-Eigen::ArrayXf MeanColumns(const EdgeProfiles& p, int first, int last) {
-  return p.grey.middleCols(first, last - first + 1).rowwise().mean();
 }
 
 }  // namespace
@@ -151,33 +154,34 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
   };
   while (first > 0 && inner - first < kPlateauColumns && flat(first - 1, inner)) --first;
   while (last + 1 < n && last - outer < kPlateauColumns && flat(last + 1, outer)) ++last;
-  Harmonic inside = SmoothAlongContour(p, MeanColumns(p, first, inner), contrast);
-  Harmonic outside = SmoothAlongContour(p, MeanColumns(p, outer, last), contrast);
+  Harmonic inside = SmoothColumns(p, first, inner, contrast);
+  Harmonic outside = SmoothColumns(p, outer, last, contrast);
   levels.inside = std::move(inside.values);
   levels.outside = std::move(outside.values);
-  // Half-way level over the slope at the edge, contrast / (sqrt(2 pi) width).
-  levels.shift_variance_px2 = 0.25 * (inside.variance + outside.variance) * 2 *
-                              std::numbers::pi * levels.width_px * levels.width_px /
-                              (static_cast<double>(contrast) * contrast);
+  levels.gradient_variance = 0.25 * (inside.variance + outside.variance);
+  levels.mean_variance = 0.25 * (inside.mean_variance + outside.mean_variance);
   return levels;
 }
 
-Eigen::ArrayXd EdgeOffsets(const EdgeProfiles& p, const EdgeLevels& levels) {
+EdgeOffsets MeasureOffsets(const EdgeProfiles& p, const EdgeLevels& levels) {
   // The weight is symmetric about the ellipse, or noise-free edges would move.
-  const int reach = std::min({p.inward, p.outward,
-                              std::max(2, static_cast<int>(std::ceil(2.0 * levels.width_px /
-                                                                     kProfileStepPx)))});
+  const double width = kWeightWidth * levels.width_px / kProfileStepPx;
+  const int reach =
+      std::min({p.inward, p.outward, std::max(2, static_cast<int>(std::ceil(2.5 * width)))});
   Eigen::ArrayXf g(2 * reach + 1);
   float slope = 0, total = 0;
   for (int k = -reach; k <= reach; ++k) {
-    const double d = kProfileStepPx * k / levels.width_px;
-    g[k + reach] = static_cast<float>(std::exp(-0.5 * d * d));
-    const float f = std::max(0.0f, levels.mean_fall[p.inward + k]);
-    slope += g[k + reach] * f;
+    g[k + reach] = static_cast<float>(std::exp(-0.5 * k * k / (width * width)));
+    slope += g[k + reach] * std::max(0.0f, levels.mean_fall[p.inward + k]);
   }
   for (int j = levels.inner; j <= levels.outer; ++j) total += std::max(0.0f, levels.mean_fall[j]);
   slope /= std::max(total, 1e-6f);
-  Eigen::ArrayXd offsets(p.count());
+  EdgeOffsets offsets;
+  offsets.distance_px.resize(p.count());
+  const float mean_contrast = (levels.inside - levels.outside).mean();
+  const double shift = kProfileStepPx * g.sum() / (mean_contrast * slope);
+  offsets.shift_variance_px2 = levels.gradient_variance * shift * shift;
+  offsets.size_variance_px2 = levels.mean_variance * shift * shift;
   for (int i = 0; i < p.count(); ++i) {
     const float half_way = 0.5f * (levels.inside[i] + levels.outside[i]);
     const float contrast = levels.inside[i] - levels.outside[i];
@@ -185,7 +189,7 @@ Eigen::ArrayXd EdgeOffsets(const EdgeProfiles& p, const EdgeLevels& levels) {
     for (int k = -reach; k <= reach; ++k) {
       sum += g[k + reach] * (p.grey(i, p.inward + k) - half_way);
     }
-    offsets[i] = contrast > 0 ? kProfileStepPx * sum / (contrast * slope) : 1e3;
+    offsets.distance_px[i] = contrast > 0 ? kProfileStepPx * sum / (contrast * slope) : 1e3;
   }
   return offsets;
 }

@@ -37,10 +37,9 @@ struct EdgeLevels {
   double width_px = 0.0;        ///< standard deviation of the edge's spread
   Eigen::ArrayXf inside;        ///< grey values of both plateaus at each profile,
   Eigen::ArrayXf outside;       ///< smooth along the contour
-  /// Variance that the plateaus' noise adds to either coordinate of the centre:
-  /// an error of the half-way level's first harmonic moves the whole ellipse,
-  /// so the residuals do not show it.
-  double shift_variance_px2 = 0.0;
+  /// Variances of the half-way level: of either coefficient of its first
+  /// harmonic, and of its mean.
+  double gradient_variance = 0.0, mean_variance = 0.0;
   Eigen::ArrayXf mean_fall;     ///< fall of the mean profile from column k - 1 to k + 1, over 2
 };
 
@@ -55,13 +54,22 @@ struct EdgeLevels {
 /// @return nullopt if the mean profile does not fall within a pixel of the ellipse.
 std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& profiles);
 
-/// Distance of the edge from the ellipse at each profile, outward positive.
-///
+/// Where the edge lies at each profile.
+struct EdgeOffsets {
+  Eigen::ArrayXd distance_px;  ///< from the ellipse, outward positive
+  /// Variances that the noise of the plateaus adds to either coordinate of the
+  /// centre and, common to both, to the semi axes: an error of the half-way
+  /// level moves or widens the whole ellipse, so the residuals do not show it.
+  double shift_variance_px2 = 0.0, size_variance_px2 = 0.0;
+};
+
 /// The mean-gradient method around a known contour: with g(d) the mean
 /// gradient's shape and h the half-way level, the edge lies where the mean of
 /// the grey values, weighted with g, equals h. To first order that is
 /// sum g (I - h) / (C sum g f), f the mean profile's fall per step of height 1
-/// and C the contrast; g = f is the weight of least variance for white noise.
-Eigen::ArrayXd EdgeOffsets(const EdgeProfiles& profiles, const EdgeLevels& levels);
+/// and C the contrast. g = f is the weight of least variance for white noise
+/// and known levels; it is taken narrower, for an error of h counts by
+/// sum g / sum g f.
+EdgeOffsets MeasureOffsets(const EdgeProfiles& profiles, const EdgeLevels& levels);
 
 }  // namespace videogrammetry

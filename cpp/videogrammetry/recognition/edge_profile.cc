@@ -79,19 +79,17 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
   p.perimeter_px = std::numbers::pi * (3 * (a + b) - std::sqrt((3 * a + b) * (a + 3 * b)));
   const int count = std::clamp(static_cast<int>(std::lround(p.perimeter_px)), 24, 360);
   // Not across the middle: the other side's edge would be counted.
-  p.inward = std::clamp(static_cast<int>(0.9 * b / kProfileStepPx), 2, kProfileReach);
-  p.outward = kProfileReach;
+  p.inward = std::clamp(static_cast<int>(0.9 * b / kProfileStepPx), 2, kProfileInward);
+  p.outward = kProfileOutward;
   p.u.resize(static_cast<std::size_t>(count));
   p.weight.resize(static_cast<std::size_t>(count));
   p.grey.resize(count, p.samples());
   const Eigen::Vector2d reach =
-      frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(kProfileStepPx * kProfileReach);
-  const bool inside =
-      image.Covers(frame.center.x() - reach.x(), frame.center.y() - reach.y()) &&
-      image.Covers(frame.center.x() + reach.x(), frame.center.y() + reach.y());
-  const double turn = 2 * std::numbers::pi / count;
-  const Eigen::Rotation2Dd rotation(turn);
-  const Eigen::Matrix2d next = rotation.toRotationMatrix();
+      frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(kProfileStepPx * kProfileInward);
+  const Eigen::Matrix2d next =
+      Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
+  const int samples = p.samples();
+  std::vector<float> x(static_cast<std::size_t>(count * samples)), y(x.size());
   Eigen::Vector2d u(1.0, 0.0);
   double total = 0;
   for (int i = 0; i < count; ++i, u = next * u) {
@@ -100,15 +98,21 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
     p.u[k] = u;
     p.weight[k] = static_cast<float>((frame.shape * Eigen::Vector2d(-u.y(), u.x())).norm());
     total += p.weight[k];
-    const auto nx = static_cast<float>(normal.x()), ny = static_cast<float>(normal.y());
-    const float step_x = kProfileStepPx * nx, step_y = kProfileStepPx * ny;
-    const float px = static_cast<float>(point.x()) - static_cast<float>(p.inward) * step_x;
-    const float py = static_cast<float>(point.y()) - static_cast<float>(p.inward) * step_y;
-    float* grey = &p.grey(i, 0);
-    for (int j = 0; j < p.samples(); ++j) {
-      const float x = px + static_cast<float>(j) * step_x, y = py + static_cast<float>(j) * step_y;
-      grey[j] = inside ? image.BilinearInside(x, y) : image.Bilinear(x, y);
+    const float step_x = kProfileStepPx * static_cast<float>(normal.x());
+    const float step_y = kProfileStepPx * static_cast<float>(normal.y());
+    const float first_x = static_cast<float>(point.x()) - static_cast<float>(p.inward) * step_x;
+    const float first_y = static_cast<float>(point.y()) - static_cast<float>(p.inward) * step_y;
+    float* row_x = &x[k * static_cast<std::size_t>(samples)];
+    float* row_y = &y[k * static_cast<std::size_t>(samples)];
+    for (int j = 0; j < samples; ++j) {
+      row_x[j] = first_x + static_cast<float>(j) * step_x;
+      row_y[j] = first_y + static_cast<float>(j) * step_y;
     }
+  }
+  if (image.CoversAround(frame.center.x(), frame.center.y(), reach.x(), reach.y())) {
+    image.Sample(x.data(), y.data(), count * samples, p.grey.data());
+  } else {
+    for (std::size_t k = 0; k < x.size(); ++k) p.grey.data()[k] = image.Bilinear(x[k], y[k]);
   }
   for (float& weight : p.weight) weight *= static_cast<float>(count / total);
   return p;

@@ -9,9 +9,11 @@
 
 namespace videogrammetry {
 
-/// Distance between the samples of a profile, and their number to each side at most.
+/// Distance between the samples of a profile, and their number to each side at
+/// most: 16 in all, one register of the widest kernel.
 inline constexpr float kProfileStepPx = 0.5f;
-inline constexpr int kProfileReach = 8;
+inline constexpr int kProfileInward = 8;
+inline constexpr int kProfileOutward = 7;
 
 /// Grey values across a closed edge, along the normals of an ellipse.
 struct EdgeProfiles {

@@ -215,9 +215,8 @@ bool IsFilled(const SignedImage<T>& image, const Refinement& r) {
   const float inside = r.levels.inside.mean(), outside = r.levels.outside.mean();
   const float least = outside + 0.4f * (inside - outside);
   int dark = 0;
-  for (const Eigen::Vector2d u : {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.4, 0),
-                                  Eigen::Vector2d(0, 0.4), Eigen::Vector2d(-0.4, 0),
-                                  Eigen::Vector2d(0, -0.4)}) {
+  for (const Eigen::Vector2d& u : {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.4, 0), Eigen::Vector2d(0, 0.4),
+                        Eigen::Vector2d(-0.4, 0), Eigen::Vector2d(0, -0.4)}) {
     const Eigen::Vector2f p = r.frame.Point(u).cast<float>();
     dark += image.Bilinear(p.x(), p.y()) < least;
   }

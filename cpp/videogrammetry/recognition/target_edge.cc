@@ -264,7 +264,8 @@ TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& s
   const Matrix5d jacobian = r.frame.EllipseJacobian();
   const double spread = sum.weight / independent;
   // (weights are lengths: weight / independent profiles share one observation)
-  edge.cov = variance * spread * jacobian * inverse * jacobian.transpose();
+  const Matrix5d cov = variance * spread * jacobian * inverse * jacobian.transpose();
+  edge.cov = 0.5 * (cov + cov.transpose());  // rounding
   edge.cov(0, 0) += r.shift_variance_px2;
   edge.cov(1, 1) += r.shift_variance_px2;
   edge.cov.block<2, 2>(2, 2).array() += r.size_variance_px2;

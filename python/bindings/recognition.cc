@@ -19,6 +19,7 @@ namespace {
 template <typename T>
 ImageView<T> ViewOf(const py::array_t<T>& image) {
   if (image.ndim() != 2) throw py::value_error("image: expected 2 dimensions");
+  if (image.size() == 0) return {};
   const auto itemsize = static_cast<py::ssize_t>(sizeof(T));
   const py::ssize_t stride = image.strides(0) / itemsize;
   if (image.strides(1) != itemsize || image.strides(0) % itemsize != 0 || stride < image.shape(1)) {

@@ -37,9 +37,8 @@ class CandidateSearch {
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         mask_(SelectGradientMask<T>(DetectInstructionSet())),
         visits_((static_cast<std::size_t>(image.height() / row_step_) + 1) *
-                static_cast<std::size_t>(image.width())) {
-    limits_.max_extent_px = static_cast<int>(max_diameter_) + 2;
-  }
+                static_cast<std::size_t>(image.width())),
+        contour_(image, static_cast<int>(max_diameter_) + 2) {}
 
   std::vector<Candidate> Run() {
     const std::size_t words = static_cast<std::size_t>(image_.width() + 63) / 64;
@@ -56,7 +55,7 @@ class CandidateSearch {
 
  private:
   static constexpr std::uint8_t kAccepted = 255;
-  static constexpr std::uint8_t kMaxVisits = 3;
+  static constexpr std::uint8_t kMaxVisits = 2;
 
   std::uint8_t& Visits(int x, int y) {
     return visits_[static_cast<std::size_t>(y / row_step_) *
@@ -135,6 +134,7 @@ class CandidateSearch {
     int x = (left + right) / 2;
     if (image_(x, y) < chord.level) return std::nullopt;
     while (x > 0 && image_(x - 1, y) >= chord.level) --x;
+    if (x == 0) return std::nullopt;  // cut by the picture's border
     chord.left = x;
     return chord;
   }
@@ -148,28 +148,24 @@ class CandidateSearch {
 
   void Follow(int y, const Chord& chord) {
     if (SeenEnough(chord.left, y)) return;
-    marks_.clear();
-    const ContourMoments moments = FollowContour(
-        image_, chord.left, y, chord.level, limits_, [this](int px, int py) {
-          if (IsScanned(py)) marks_.push_back(&Visits(px, py));
-        });
-    const auto ellipse = Accept(moments);
-    for (std::uint8_t* mark : marks_) {
+    const ContourEnd end = contour_.Follow(chord.left, y, chord.level);
+    const auto ellipse = end == ContourEnd::kClosed ? Accept(contour_.Moments()) : std::nullopt;
+    contour_.ForEachLeftSide([&](const LeftSide& side) {
+      if (!IsScanned(side.y)) return;
+      std::uint8_t& visits = Visits(side.x, side.y);
       if (ellipse) {
-        *mark = kAccepted;
-      } else if (*mark < kMaxVisits) {
-        ++*mark;
+        visits = kAccepted;
+      } else if (visits < kMaxVisits) {
+        ++visits;
       }
-    }
+    });
     if (!ellipse) return;
     candidates_.push_back(
         {*ellipse, static_cast<float>(chord.inside), static_cast<float>(chord.level)});
   }
 
   std::optional<Ellipse> Accept(const ContourMoments& m) const {
-    if (m.end != ContourEnd::kClosed) return std::nullopt;
-    const int width = m.max_x - m.min_x + 1, height = m.max_y - m.min_y + 1;
-    if (width < 0.6 * min_diameter_ || height < 0.6 * min_diameter_) return std::nullopt;
+    if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return std::nullopt;
     // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
     if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
     const auto ellipse = EllipseFromMoments(m);
@@ -185,9 +181,8 @@ class CandidateSearch {
   const double min_diameter_, max_diameter_;
   const int row_step_;
   const GradientMaskRow<T> mask_;
-  ContourLimits limits_;
   std::vector<std::uint8_t> visits_;
-  std::vector<std::uint8_t*> marks_;
+  ContourFollower<T> contour_;
   std::vector<Candidate> candidates_;
 };
 

@@ -28,7 +28,7 @@ struct Candidate {
 ///
 /// The level is the chord's own, so a dot with a dark rim is an area of its own
 /// on a background brighter than itself, and clutter costs a few steps each.
-/// The time is bounded: a pixel's border is walked at most three times.
+/// The time is bounded: a pixel's border is walked at most twice.
 ///
 /// @param gradient_threshold  see GradientThreshold.
 template <typename T>

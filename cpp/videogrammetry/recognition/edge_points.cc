@@ -7,18 +7,24 @@
 namespace videogrammetry {
 namespace {
 
-constexpr int kHalf = 6;  // samples on either side
+constexpr int kHalf = 4;  // samples on either side
 constexpr float kStep = 0.5f;
 
 /// Distance of the edge from the pixel along its normal.
 template <typename T>
 std::optional<double> MeanGradientOffset(const SignedImage<T>& image, const EdgePixel& edge) {
-  std::array<float, 2 * kHalf + 1> value;
-  for (int k = -kHalf; k <= kHalf; ++k) {
-    const float d = kStep * static_cast<float>(k);
-    value[static_cast<std::size_t>(k + kHalf)] =
-        image.Bilinear(static_cast<float>(edge.x) + d * edge.normal_x,
-                       static_cast<float>(edge.y) + d * edge.normal_y);
+  constexpr int kSamples = 2 * kHalf + 1;
+  std::array<float, kSamples> x, y, value;
+  for (int k = 0; k < kSamples; ++k) {
+    const float d = kStep * static_cast<float>(k - kHalf);
+    x[static_cast<std::size_t>(k)] = static_cast<float>(edge.x) + d * edge.normal_x;
+    y[static_cast<std::size_t>(k)] = static_cast<float>(edge.y) + d * edge.normal_y;
+  }
+  constexpr double kReach = kStep * kHalf;
+  if (image.CoversAround(edge.x, edge.y, kReach, kReach)) {
+    image.Sample(x.data(), y.data(), kSamples, value.data());
+  } else {
+    for (std::size_t k = 0; k < value.size(); ++k) value[k] = image.Bilinear(x[k], y[k]);
   }
   std::array<float, 2 * kHalf> fall;  // fall[k]: from d_k to d_k+1
   for (std::size_t k = 0; k < fall.size(); ++k) fall[k] = value[k] - value[k + 1];

@@ -13,7 +13,7 @@ using Points2d = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;
 /// of the local Canny.
 ///
 /// Along each pixel's gradient the grey values I(d) are interpolated
-/// bilinearly (paper Eq. 9) at d = -3 ... 3 px in steps of 1/2; the edge lies
+/// bilinearly (paper Eq. 9) at d = -2 ... 2 px in steps of 1/2; the edge lies
 /// at the mean of d weighted with the fall of the grey value,
 /// sum d_k (I_k - I_k+1) / sum (I_k - I_k+1), over the falling stretch around
 /// the steepest place within one pixel.

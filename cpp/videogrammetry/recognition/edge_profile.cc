@@ -10,24 +10,61 @@
 namespace videogrammetry {
 namespace {
 
-/// Mean and first harmonic of `values` along the contour.
-Eigen::ArrayXf SmoothAlongContour(const EdgeProfiles& profiles, const Eigen::ArrayXf& values) {
+/// Prior standard deviation of a plateau's first harmonic, in units of the
+/// contrast: light seldom changes by more across a dot.
+constexpr double kPriorGradient = 0.02;
+/// A plateau's columns beyond the edge's end that are averaged at most, and how
+/// level they are, in units of the contrast.
+constexpr int kPlateauColumns = 3;
+constexpr float kPlateauFlatness = 0.03f;
+/// Width of the weight of the mean gradient as a part of the edge's own.
+constexpr double kWeightWidth = 0.5;
+/// Length of contour over which neighbouring profiles share their pixels.
+constexpr double kSharedPx = 1.5;
+
+/// Values along the contour, smoothed.
+struct Harmonic {
+  Eigen::ArrayXf values;
+  double variance = 0.0;       ///< of either coefficient of the first harmonic
+  double mean_variance = 0.0;  ///< of the mean
+};
+
+/// Mean of the columns first ... last of each profile, smoothed along the
+/// contour to its mean and first harmonic; the harmonic is held towards zero
+/// by the prior where noise says little about it.
+Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double contrast) {
+  const Eigen::ArrayXf values = profiles.grey.middleCols(first, last - first + 1).rowwise().mean();
   Eigen::Matrix3f normal = Eigen::Matrix3f::Zero();
   Eigen::Vector3f right = Eigen::Vector3f::Zero();
-  for (int i = 0; i < profiles.count(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const Eigen::Vector3f row(1.0f, static_cast<float>(profiles.u[k].x()),
-                              static_cast<float>(profiles.u[k].y()));
-    normal += profiles.weight[k] * row * row.transpose();
-    right += profiles.weight[k] * values[i] * row;
-  }
-  const Eigen::Vector3f solution = normal.ldlt().solve(right);
-  Eigen::ArrayXf smooth(profiles.count());
-  for (int i = 0; i < profiles.count(); ++i) {
+  const auto row_of = [&](int i) {
     const auto& u = profiles.u[static_cast<std::size_t>(i)];
-    smooth[i] = solution[0] + solution[1] * static_cast<float>(u.x()) +
-                solution[2] * static_cast<float>(u.y());
+    return Eigen::Vector3f(1.0f, static_cast<float>(u.x()), static_cast<float>(u.y()));
+  };
+  for (int i = 0; i < profiles.count(); ++i) {
+    const Eigen::Vector3f row = row_of(i);
+    const float weight = profiles.weight[static_cast<std::size_t>(i)];
+    normal += weight * row * row.transpose();
+    right += weight * values[i] * row;
   }
+  Eigen::Vector3f solution = normal.ldlt().solve(right);
+  double squares = 0;
+  for (int i = 0; i < profiles.count(); ++i) {
+    const float residual = values[i] - row_of(i).dot(solution);
+    squares += residual * residual;
+  }
+  // Inside a small dot the columns run on a short way around its middle.
+  const double offset = kProfileStepPx * (0.5 * (first + last) - profiles.inward);
+  const double contour = profiles.perimeter_px + 2 * std::numbers::pi * offset;
+  const double independent = std::max(4.0, contour / kSharedPx);
+  const double noise = 2.0 * squares / profiles.count() / std::max(1.0, independent - 3.0);
+  const double prior = kPriorGradient * kPriorGradient * contrast * contrast;
+  const double trust = prior / (prior + noise);
+  solution.tail<2>() *= static_cast<float>(trust);
+  Harmonic smooth;
+  smooth.variance = trust * noise;
+  smooth.mean_variance = 0.5 * noise;
+  smooth.values.resize(profiles.count());
+  for (int i = 0; i < profiles.count(); ++i) smooth.values[i] = row_of(i).dot(solution);
   return smooth;
 }
 
@@ -42,19 +79,17 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
   p.perimeter_px = std::numbers::pi * (3 * (a + b) - std::sqrt((3 * a + b) * (a + 3 * b)));
   const int count = std::clamp(static_cast<int>(std::lround(p.perimeter_px)), 24, 360);
   // Not across the middle: the other side's edge would be counted.
-  p.inward = std::clamp(static_cast<int>(0.9 * b / kProfileStepPx), 2, kProfileReach);
-  p.outward = kProfileReach;
+  p.inward = std::clamp(static_cast<int>(0.9 * b / kProfileStepPx), 2, kProfileInward);
+  p.outward = kProfileOutward;
   p.u.resize(static_cast<std::size_t>(count));
   p.weight.resize(static_cast<std::size_t>(count));
   p.grey.resize(count, p.samples());
   const Eigen::Vector2d reach =
-      frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(kProfileStepPx * kProfileReach);
-  const bool inside =
-      image.Covers(frame.center.x() - reach.x(), frame.center.y() - reach.y()) &&
-      image.Covers(frame.center.x() + reach.x(), frame.center.y() + reach.y());
-  const double turn = 2 * std::numbers::pi / count;
-  const Eigen::Rotation2Dd rotation(turn);
-  const Eigen::Matrix2d next = rotation.toRotationMatrix();
+      frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(kProfileStepPx * kProfileInward);
+  const Eigen::Matrix2d next =
+      Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
+  const int samples = p.samples();
+  std::vector<float> x(static_cast<std::size_t>(count * samples)), y(x.size());
   Eigen::Vector2d u(1.0, 0.0);
   double total = 0;
   for (int i = 0; i < count; ++i, u = next * u) {
@@ -63,15 +98,21 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
     p.u[k] = u;
     p.weight[k] = static_cast<float>((frame.shape * Eigen::Vector2d(-u.y(), u.x())).norm());
     total += p.weight[k];
-    const auto nx = static_cast<float>(normal.x()), ny = static_cast<float>(normal.y());
-    const float step_x = kProfileStepPx * nx, step_y = kProfileStepPx * ny;
-    const float px = static_cast<float>(point.x()) - static_cast<float>(p.inward) * step_x;
-    const float py = static_cast<float>(point.y()) - static_cast<float>(p.inward) * step_y;
-    float* grey = &p.grey(i, 0);
-    for (int j = 0; j < p.samples(); ++j) {
-      const float x = px + static_cast<float>(j) * step_x, y = py + static_cast<float>(j) * step_y;
-      grey[j] = inside ? image.BilinearInside(x, y) : image.Bilinear(x, y);
+    const float step_x = kProfileStepPx * static_cast<float>(normal.x());
+    const float step_y = kProfileStepPx * static_cast<float>(normal.y());
+    const float first_x = static_cast<float>(point.x()) - static_cast<float>(p.inward) * step_x;
+    const float first_y = static_cast<float>(point.y()) - static_cast<float>(p.inward) * step_y;
+    float* row_x = &x[k * static_cast<std::size_t>(samples)];
+    float* row_y = &y[k * static_cast<std::size_t>(samples)];
+    for (int j = 0; j < samples; ++j) {
+      row_x[j] = first_x + static_cast<float>(j) * step_x;
+      row_y[j] = first_y + static_cast<float>(j) * step_y;
     }
+  }
+  if (image.CoversAround(frame.center.x(), frame.center.y(), reach.x(), reach.y())) {
+    image.Sample(x.data(), y.data(), count * samples, p.grey.data());
+  } else {
+    for (std::size_t k = 0; k < x.size(); ++k) p.grey.data()[k] = image.Bilinear(x[k], y[k]);
   }
   for (float& weight : p.weight) weight *= static_cast<float>(count / total);
   return p;
@@ -99,37 +140,52 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
   outer = std::min(outer, n - 1);
   levels.inner = inner;
   levels.outer = outer;
-  double weight = 0, first = 0, second = 0;
+  double weight = 0, moment = 0, second = 0;
   for (int j = inner; j <= outer; ++j) {
     const double f = std::max(0.0f, levels.mean_fall[j]);
     const double d = kProfileStepPx * static_cast<double>(j - p.inward);
     weight += f;
-    first += f * d;
+    moment += f * d;
     second += f * d * d;
   }
   if (!(weight > 0)) return std::nullopt;
-  levels.width_px = std::sqrt(std::max(0.01, second / weight - first * first / (weight * weight)));
-  levels.inside = SmoothAlongContour(p, p.grey.col(inner));
-  levels.outside = SmoothAlongContour(p, p.grey.col(outer));
+  levels.width_px = std::sqrt(std::max(0.01, second / weight - moment * moment / (weight * weight)));
+  // As much of the plateaus as there is, up to 1.5 px: less noise.
+  const float contrast = mean[inner] - mean[outer];
+  int first = inner, last = outer;
+  const auto flat = [&](int j, int edge) {
+    return std::abs(mean[j] - mean[edge]) < kPlateauFlatness * contrast;
+  };
+  while (first > 0 && inner - first < kPlateauColumns && flat(first - 1, inner)) --first;
+  while (last + 1 < n && last - outer < kPlateauColumns && flat(last + 1, outer)) ++last;
+  Harmonic inside = SmoothColumns(p, first, inner, contrast);
+  Harmonic outside = SmoothColumns(p, outer, last, contrast);
+  levels.inside = std::move(inside.values);
+  levels.outside = std::move(outside.values);
+  levels.gradient_variance = 0.25 * (inside.variance + outside.variance);
+  levels.mean_variance = 0.25 * (inside.mean_variance + outside.mean_variance);
   return levels;
 }
 
-Eigen::ArrayXd EdgeOffsets(const EdgeProfiles& p, const EdgeLevels& levels) {
+EdgeOffsets MeasureOffsets(const EdgeProfiles& p, const EdgeLevels& levels) {
   // The weight is symmetric about the ellipse, or noise-free edges would move.
-  const int reach = std::min({p.inward, p.outward,
-                              std::max(2, static_cast<int>(std::ceil(2.0 * levels.width_px /
-                                                                     kProfileStepPx)))});
+  const double width = kWeightWidth * levels.width_px / kProfileStepPx;
+  const int reach =
+      std::min({p.inward, p.outward, std::max(2, static_cast<int>(std::ceil(2.5 * width)))});
   Eigen::ArrayXf g(2 * reach + 1);
   float slope = 0, total = 0;
   for (int k = -reach; k <= reach; ++k) {
-    const double d = kProfileStepPx * k / levels.width_px;
-    g[k + reach] = static_cast<float>(std::exp(-0.5 * d * d));
-    const float f = std::max(0.0f, levels.mean_fall[p.inward + k]);
-    slope += g[k + reach] * f;
+    g[k + reach] = static_cast<float>(std::exp(-0.5 * k * k / (width * width)));
+    slope += g[k + reach] * std::max(0.0f, levels.mean_fall[p.inward + k]);
   }
   for (int j = levels.inner; j <= levels.outer; ++j) total += std::max(0.0f, levels.mean_fall[j]);
   slope /= std::max(total, 1e-6f);
-  Eigen::ArrayXd offsets(p.count());
+  EdgeOffsets offsets;
+  offsets.distance_px.resize(p.count());
+  const float mean_contrast = (levels.inside - levels.outside).mean();
+  const double shift = kProfileStepPx * g.sum() / (mean_contrast * slope);
+  offsets.shift_variance_px2 = levels.gradient_variance * shift * shift;
+  offsets.size_variance_px2 = levels.mean_variance * shift * shift;
   for (int i = 0; i < p.count(); ++i) {
     const float half_way = 0.5f * (levels.inside[i] + levels.outside[i]);
     const float contrast = levels.inside[i] - levels.outside[i];
@@ -137,7 +193,7 @@ Eigen::ArrayXd EdgeOffsets(const EdgeProfiles& p, const EdgeLevels& levels) {
     for (int k = -reach; k <= reach; ++k) {
       sum += g[k + reach] * (p.grey(i, p.inward + k) - half_way);
     }
-    offsets[i] = contrast > 0 ? kProfileStepPx * sum / (contrast * slope) : 1e3;
+    offsets.distance_px[i] = contrast > 0 ? kProfileStepPx * sum / (contrast * slope) : 1e3;
   }
   return offsets;
 }

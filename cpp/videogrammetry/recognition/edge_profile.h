@@ -9,9 +9,11 @@
 
 namespace videogrammetry {
 
-/// Distance between the samples of a profile, and their number to each side at most.
+/// Distance between the samples of a profile, and their number to each side at
+/// most: 16 in all, one register of the widest kernel.
 inline constexpr float kProfileStepPx = 0.5f;
-inline constexpr int kProfileReach = 8;
+inline constexpr int kProfileInward = 8;
+inline constexpr int kProfileOutward = 7;
 
 /// Grey values across a closed edge, along the normals of an ellipse.
 struct EdgeProfiles {
@@ -37,6 +39,9 @@ struct EdgeLevels {
   double width_px = 0.0;        ///< standard deviation of the edge's spread
   Eigen::ArrayXf inside;        ///< grey values of both plateaus at each profile,
   Eigen::ArrayXf outside;       ///< smooth along the contour
+  /// Variances of the half-way level: of either coefficient of its first
+  /// harmonic, and of its mean.
+  double gradient_variance = 0.0, mean_variance = 0.0;
   Eigen::ArrayXf mean_fall;     ///< fall of the mean profile from column k - 1 to k + 1, over 2
 };
 
@@ -45,18 +50,28 @@ struct EdgeLevels {
 /// The mean profile's fall is followed from its steepest place to both sides
 /// until it has gone to 5 % or turns: those columns are the plateaus, also
 /// where a dark rim is only two pixels wide. A plateau's grey values are
-/// replaced by their mean and first harmonic along the contour (illumination),
-/// so that the noise of single samples does not move the half-way level.
+/// replaced by their mean and first harmonic along the contour (illumination,
+/// held towards none by a prior), so that the noise of single samples does not
+/// move the half-way level.
 /// @return nullopt if the mean profile does not fall within a pixel of the ellipse.
 std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& profiles);
 
-/// Distance of the edge from the ellipse at each profile, outward positive.
-///
+/// Where the edge lies at each profile.
+struct EdgeOffsets {
+  Eigen::ArrayXd distance_px;  ///< from the ellipse, outward positive
+  /// Variances that the noise of the plateaus adds to either coordinate of the
+  /// centre and, common to both, to the semi axes: an error of the half-way
+  /// level moves or widens the whole ellipse, so the residuals do not show it.
+  double shift_variance_px2 = 0.0, size_variance_px2 = 0.0;
+};
+
 /// The mean-gradient method around a known contour: with g(d) the mean
 /// gradient's shape and h the half-way level, the edge lies where the mean of
 /// the grey values, weighted with g, equals h. To first order that is
 /// sum g (I - h) / (C sum g f), f the mean profile's fall per step of height 1
-/// and C the contrast; g = f is the weight of least variance for white noise.
-Eigen::ArrayXd EdgeOffsets(const EdgeProfiles& profiles, const EdgeLevels& levels);
+/// and C the contrast. g = f is the weight of least variance for white noise
+/// and known levels; it is taken narrower, for an error of h counts by
+/// sum g / sum g f.
+EdgeOffsets MeasureOffsets(const EdgeProfiles& profiles, const EdgeLevels& levels);
 
 }  // namespace videogrammetry

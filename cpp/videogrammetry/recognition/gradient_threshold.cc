@@ -20,7 +20,7 @@ int Quantile(std::vector<int>& values, double fraction) {
 template <typename T>
 GreyStatistics MeasureGreyStatistics(const ImageView<T>& image) {
   if (image.width() < 3 || image.height() < 1) return {};
-  constexpr int kSamples = 50000;
+  constexpr int kSamples = 20000;
   constexpr int kColumnStep = 3;  // neighbours' differences share pixels
   const int columns = (image.width() - 2 + kColumnStep - 1) / kColumnStep;
   const int row_step = std::max(1, image.height() * columns / kSamples);

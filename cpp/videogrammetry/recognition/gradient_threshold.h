@@ -11,7 +11,7 @@ struct GreyStatistics {
   int median_gradient = 0;  ///< median of |I(x+1) - I(x-1)|
 };
 
-/// Statistics of every n-th row, about 50 000 pixels in all.
+/// Statistics of every n-th row, about 20 000 pixels in all.
 template <typename T>
 GreyStatistics MeasureGreyStatistics(const ImageView<T>& image);
 

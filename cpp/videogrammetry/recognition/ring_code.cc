@@ -1,5 +1,7 @@
 #include "videogrammetry/recognition/ring_code.h"
 
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <complex>
@@ -18,6 +20,9 @@ constexpr double kMaxShiftSingle = 0.35;
 constexpr float kMinStep = 0.3f;
 /// The brightest dark sector as a part of the darkest bright one.
 constexpr float kMaxDark = 0.4f;
+/// Largest departure of a bright sector's height from those of the others, with
+/// light that changes evenly across the target, as a part of their mean.
+constexpr double kMaxUneven = 0.25;
 /// A first, rough level between bright and dark, from the ring's darkest (0)
 /// to its brightest value (1).
 constexpr float kRoughLevel = 0.3f;
@@ -96,6 +101,31 @@ bool Divide(Sectors* s, float* step) {
   return true;
 }
 
+/// Whether the bright sectors' heights follow one even change of light: a grey
+/// one in between is neither bright nor dark.
+bool IsEvenlyLit(const Sectors& s) {
+  // Mean and first harmonic; a little stiffness where few sectors are bright.
+  Eigen::Matrix3d normal = Eigen::Vector3d(0.0, 0.2, 0.2).asDiagonal();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  const auto row_of = [&](std::size_t k) {
+    const double t = 2 * std::numbers::pi * static_cast<double>(k) /
+                     static_cast<double>(s.height.size());
+    return Eigen::Vector3d(1.0, std::cos(t), std::sin(t));
+  };
+  for (std::size_t k = 0; k < s.height.size(); ++k) {
+    if (!s.bright[k]) continue;
+    normal += row_of(k) * row_of(k).transpose();
+    right += s.height[k] * row_of(k);
+  }
+  const Eigen::Vector3d light = normal.ldlt().solve(right);
+  for (std::size_t k = 0; k < s.height.size(); ++k) {
+    if (s.bright[k] && std::abs(s.height[k] - row_of(k).dot(light)) > kMaxUneven * light[0]) {
+      return false;
+    }
+  }
+  return true;
+}
+
 /// Bright sectors end at the ring's borders, dark ones are dark up to them.
 bool IsClean(const RingSamples& samples, const Sectors& s) {
   for (std::size_t k = 0; k < s.height.size(); ++k) {
@@ -168,7 +198,7 @@ Sectors ReadSectors(const RingSamples& samples, const std::vector<float>& ring, 
     s.height.push_back(SectorMean(ring, s.phase, k, samples.per_sector));
   }
   float step = 0;
-  if (!Divide(&s, &step) || !IsClean(samples, s)) return s;
+  if (!Divide(&s, &step) || !IsEvenlyLit(s) || !IsClean(samples, s)) return s;
   s.status = RingStatus::kEdgesOff;
   const double shift = LargestShift(ring, s, samples.per_sector);
   if (s.changes() != static_cast<int>(rough.size()) || shift > kMaxShift) return s;

@@ -36,8 +36,8 @@ struct RingReading {
 /// - The changes between bright and dark along the ring give the phase of the
 ///   sectors' borders by least squares on the circle.
 /// - The sectors' grey values are two separate groups; bright ones end before
-///   the gap and beyond the ring, dark ones are dark up to both. Light that
-///   falls off along the ring is allowed for.
+///   the gap and beyond the ring, dark ones are dark up to both. Light may
+///   change evenly across the target.
 /// - Each change, at the level half-way between its two sectors, lies within a
 ///   quarter of a sector of its border, near the ring's inner and outer border
 ///   too (a third: fewer pixels).

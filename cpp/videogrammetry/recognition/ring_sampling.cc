@@ -17,24 +17,25 @@ std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& d
   const EllipseFrame frame = EllipseFrame::From(dot.ellipse);
   const Eigen::Matrix2d scaled = radius * frame.shape;
   const Eigen::Vector2d reach = scaled.rowwise().norm();
-  const bool inside =
-      image.Covers(frame.center.x() - reach.x(), frame.center.y() - reach.y()) &&
-      image.Covers(frame.center.x() + reach.x(), frame.center.y() + reach.y());
   const double scale = 1.0 / (dot.inside - dot.outside);
   const Eigen::Matrix2d next =
       Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
   Eigen::Vector2d u(1.0, 0.0);
-  std::vector<float> values(static_cast<std::size_t>(count));
-  for (float& value : values) {
+  std::vector<float> x(static_cast<std::size_t>(count)), y(x.size()), values(x.size());
+  for (std::size_t k = 0; k < x.size(); ++k, u = next * u) {
     const Eigen::Vector2d p = frame.center + scaled * u;
-    u = next * u;
-    if (!inside && !image.Covers(p.x(), p.y())) {
-      value = std::numeric_limits<float>::quiet_NaN();
-      continue;
-    }
-    const float grey = image.BilinearInside(static_cast<float>(p.x()), static_cast<float>(p.y()));
-    value = static_cast<float>((grey - dot.outside) * scale);
+    x[k] = static_cast<float>(p.x());
+    y[k] = static_cast<float>(p.y());
   }
+  if (image.CoversAround(frame.center.x(), frame.center.y(), reach.x(), reach.y())) {
+    image.Sample(x.data(), y.data(), count, values.data());
+  } else {
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      values[k] = image.Covers(x[k], y[k]) ? image.Bilinear(x[k], y[k])
+                                           : std::numeric_limits<float>::quiet_NaN();
+    }
+  }
+  for (float& value : values) value = static_cast<float>((value - dot.outside) * scale);
   return values;
 }
 

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "videogrammetry/core/cpu.h"
 #include "videogrammetry/core/image_view.h"
+#include "videogrammetry/recognition/bilinear.h"
 
 namespace videogrammetry {
 
@@ -12,7 +14,13 @@ namespace videogrammetry {
 template <typename T>
 class SignedImage {
  public:
-  SignedImage(const ImageView<T>& view, int sign) : view_(view), sign_(sign) {}
+  SignedImage(const ImageView<T>& view, int sign, InstructionSet set = DetectInstructionSet())
+      : view_(view), sign_(sign), bilinear_(SelectBilinear<T>(set)) {
+    // The kernels' offsets have 32 bits.
+    if (view.stride() * view.height() > (std::ptrdiff_t{1} << 30)) {
+      bilinear_ = SelectBilinear<T>(InstructionSet::kBaseline);
+    }
+  }
 
   int operator()(int x, int y) const { return sign_ * static_cast<int>(view_(x, y)); }
   const T* row(int y) const { return view_.row(y); }
@@ -24,6 +32,19 @@ class SignedImage {
   /// True if the bilinear value at (x, y) needs no pixel outside the picture.
   bool Covers(double x, double y) const {
     return x >= 0.0 && y >= 0.0 && x <= width() - 1.001 && y <= height() - 1.001;
+  }
+
+  /// True if every place within `reach` of (x, y) may be passed to Sample.
+  bool CoversAround(double x, double y, double reach_x, double reach_y) const {
+    return Covers(x - reach_x, y - reach_y) && Covers(x + reach_x + kBilinearMargin, y + reach_y);
+  }
+
+  /// Bilinear values at many places; see CoversAround.
+  void Sample(const float* x, const float* y, int count, float* out) const {
+    bilinear_(view_.data(), view_.stride(), x, y, count, out);
+    if (sign_ < 0) {
+      for (int k = 0; k < count; ++k) out[k] = -out[k];
+    }
   }
 
   /// Grey value between pixels, paper Eq. (9):
@@ -50,6 +71,7 @@ class SignedImage {
  private:
   ImageView<T> view_;
   int sign_;
+  BilinearKernel<T> bilinear_;
 };
 
 }  // namespace videogrammetry

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <complex>
 #include <cstdint>
 #include <numbers>
 #include <vector>
@@ -46,7 +45,7 @@ bool HasContrastAllAround(const SignedImage<T>& image, const Candidate& candidat
     const Eigen::Vector2f point = frame.Point(u).cast<float>();
     const Eigen::Vector2f normal = frame.Normal(u).cast<float>();
     const Eigen::Vector2f in = point - static_cast<float>(inward) * normal;
-    const Eigen::Vector2f out = point + 2.0f * normal;
+    const Eigen::Vector2f out = point + 1.25f * normal;
     failed += image.Bilinear(in.x(), in.y()) - image.Bilinear(out.x(), out.y()) < least;
   }
   return failed <= kMayFail;
@@ -91,6 +90,7 @@ struct Refinement {
   EdgeProfiles profiles;
   EdgeLevels levels;
   Eigen::ArrayXd residuals;  ///< of every profile, after the last step
+  double shift_variance_px2 = 0.0, size_variance_px2 = 0.0;
   std::vector<char> used;
   Matrix5d normal = Matrix5d::Zero();  ///< J^T W J
 };
@@ -146,7 +146,10 @@ std::optional<Refinement> Refine(const SignedImage<T>& image, const Ellipse& sta
     auto levels = MeasureLevels(r.profiles);
     if (!levels) return std::nullopt;
     r.levels = std::move(*levels);
-    r.residuals = EdgeOffsets(r.profiles, r.levels);
+    EdgeOffsets offsets = MeasureOffsets(r.profiles, r.levels);
+    r.residuals = std::move(offsets.distance_px);
+    r.shift_variance_px2 = offsets.shift_variance_px2;
+    r.size_variance_px2 = offsets.size_variance_px2;
     r.used.assign(static_cast<std::size_t>(r.profiles.count()), 1);
     SelectProfiles(&r);
     const auto length = Step(&r);
@@ -177,64 +180,95 @@ double WorstRun(const Refinement& r) {
   return std::min(1.0, static_cast<double>(worst) / n);
 }
 
-/// Amplitude of the k-th harmonic of the residuals along the contour.
-double Harmonic(const Refinement& r, int k) {
-  std::complex<double> sum = 0;
-  double total = 0;
-  for (int i = 0; i < r.profiles.count(); ++i) {
-    const auto& u = r.profiles.u[static_cast<std::size_t>(i)];
-    const double w = r.used[static_cast<std::size_t>(i)] ? 1.0 : 0.0;
-    sum += w * r.residuals[i] * std::pow(std::complex<double>(u.x(), u.y()), k);
-    total += w;
-  }
-  return total > 0 ? 2.0 * std::abs(sum) / total : 1e9;
-}
-
-/// Sum of weighted squares and weight of the profiles used.
+/// What the residuals of the profiles used sum up to.
 struct ResidualSum {
   double squares = 0.0, weight = 0.0;
   int used = 0;
+  double noise = 0.0;  ///< variance of what differs between profiles two apart
+
+  double variance() const { return squares / weight; }
 };
 
 ResidualSum SumResiduals(const Refinement& r) {
   ResidualSum sum;
-  for (int i = 0; i < r.profiles.count(); ++i) {
+  const int n = r.profiles.count();
+  int pairs = 0;
+  for (int i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (!r.used[k]) continue;
     sum.squares += r.profiles.weight[k] * r.residuals[i] * r.residuals[i];
     sum.weight += r.profiles.weight[k];
     ++sum.used;
+    const int next = (i + 2) % n;
+    if (!r.used[static_cast<std::size_t>(next)]) continue;
+    const double difference = r.residuals[i] - r.residuals[next];
+    sum.noise += 0.5 * difference * difference;
+    ++pairs;
   }
+  sum.noise /= std::max(1, pairs);
   return sum;
 }
 
+/// Whether the dot's middle is as bright as the inner side of its edge: a ring is no dot.
+template <typename T>
+bool IsFilled(const SignedImage<T>& image, const Refinement& r) {
+  const float inside = r.levels.inside.mean(), outside = r.levels.outside.mean();
+  const float least = outside + 0.4f * (inside - outside);
+  int dark = 0;
+  for (const Eigen::Vector2d& u : {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.4, 0), Eigen::Vector2d(0, 0.4),
+                        Eigen::Vector2d(-0.4, 0), Eigen::Vector2d(0, -0.4)}) {
+    const Eigen::Vector2f p = r.frame.Point(u).cast<float>();
+    dark += image.Bilinear(p.x(), p.y()) < least;
+  }
+  return dark <= 1;
+}
+
 /// Whether this is a dot; see MeasureTargetEdge, 3.
-bool IsDot(const Refinement& r, const Ellipse& e, double rms, double independent) {
+bool IsDot(const Refinement& r, const Ellipse& e, const ResidualSum& sum, double independent) {
   if (WorstRun(r) > 0.08) return false;
   if (r.levels.width_px > 0.45 * e.semi_minor_px + 0.3) return false;
-  // A square's residuals are 0.07 of its radius in the 4th harmonic, a
-  // triangle's more in the 3rd; what noise alone makes is allowed for.
-  const double noise = rms * std::sqrt(2.0 / std::max(4.0, independent));
-  const double allowed = 0.02 * e.semi_minor_px + 0.02 + 3.0 * noise;
-  if (Harmonic(r, 3) > allowed || Harmonic(r, 4) > allowed) return false;
-  return rms < 0.15 + 0.02 * e.semi_minor_px;
+  // Noise differs from profile to profile, a wrong shape does not: a square's
+  // residuals are 0.05 of its radius, a finger's or a lamp's more.
+  const double shape_limit = 0.04 + 0.008 * e.semi_minor_px;
+  const double chance = 3.0 * std::sqrt(2.0 / std::max(4.0, independent)) * sum.noise;
+  if (sum.variance() - sum.noise > shape_limit * shape_limit + chance) return false;
+  return std::sqrt(sum.variance()) < 0.15 + 0.02 * e.semi_minor_px;
+}
+
+/// The ellipse before it was blurred.
+///
+/// Blur of variance s^2 moves the half-way contour towards the centre of
+/// curvature by s^2 k / 2 (a disc of radius r looks s^2 / (2 r) smaller); at the
+/// ends of the axes k = a / b^2 and b / a^2. The edge's measured spread holds
+/// 1/12 px^2 of the difference quotient that it was measured with.
+Ellipse WithoutBlur(Ellipse e, double width_px) {
+  const double a = e.semi_major_px, b = e.semi_minor_px;
+  const double half_variance = 0.5 * std::max(0.0, width_px * width_px - 1.0 / 12.0);
+  // A dot not much larger than its blur is no longer described to first order.
+  e.semi_major_px += std::min(half_variance * a / (b * b), 0.1 * a);
+  e.semi_minor_px += std::min(half_variance * b / (a * a), 0.1 * b);
+  return e;
 }
 
 TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& sum,
                      double independent) {
   TargetEdge edge;
   edge.ellipse = e;
-  edge.edge_rms_px = std::sqrt(sum.squares / sum.weight);
+  edge.edge_rms_px = std::sqrt(sum.variance());
   edge.inside = r.levels.inside.mean();
   edge.outside = r.levels.outside.mean();
   edge.width_px = r.levels.width_px;
   // The residuals' mean square lacks the part that the five parameters took.
-  const double variance =
-      sum.squares / sum.weight * independent / std::max(1.0, independent - 5.0);
+  const double variance = sum.variance() * independent / std::max(1.0, independent - 5.0);
   const Matrix5d inverse = r.normal.ldlt().solve(Matrix5d::Identity());
   const Matrix5d jacobian = r.frame.EllipseJacobian();
   const double spread = sum.weight / independent;
-  edge.cov = variance * spread * jacobian * inverse * jacobian.transpose();
+  // (weights are lengths: weight / independent profiles share one observation)
+  const Matrix5d cov = variance * spread * jacobian * inverse * jacobian.transpose();
+  edge.cov = 0.5 * (cov + cov.transpose());  // rounding
+  edge.cov(0, 0) += r.shift_variance_px2;
+  edge.cov(1, 1) += r.shift_variance_px2;
+  edge.cov.block<2, 2>(2, 2).array() += r.size_variance_px2;
   // A direction is never known worse than not at all.
   const double most = std::numbers::pi / std::sqrt(12.0);
   const double sigma = std::sqrt(edge.cov(4, 4));
@@ -256,7 +290,7 @@ std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
   if (!start) return std::nullopt;
   const auto refined = Refine(image, *start, options);
   if (!refined) return std::nullopt;
-  const Ellipse e = refined->frame.ToEllipse();
+  const Ellipse e = WithoutBlur(refined->frame.ToEllipse(), refined->levels.width_px);
   if (2 * e.semi_minor_px < options.diameter_px[0] || 2 * e.semi_major_px > options.diameter_px[1]) {
     return std::nullopt;
   }
@@ -264,7 +298,7 @@ std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
   if (sum.used < 0.85 * refined->profiles.count()) return std::nullopt;
   const double independent = std::min<double>(
       sum.used, refined->profiles.perimeter_px / kCorrelationPx * sum.used / refined->profiles.count());
-  if (!IsDot(*refined, e, std::sqrt(sum.squares / sum.weight), independent)) return std::nullopt;
+  if (!IsDot(*refined, e, sum, independent) || !IsFilled(image, *refined)) return std::nullopt;
   return Summarise(*refined, e, sum, independent);
 }
 

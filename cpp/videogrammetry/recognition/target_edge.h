@@ -30,7 +30,8 @@ struct TargetEdge {
 ///    on the five parameters, repeated; profiles off by more than 3.5 robust
 ///    standard deviations (and 0.25 px) are left out.
 /// 3. A dot has its edge all around, of similar contrast, sharper than the dot
-///    is large, with residuals that are not those of a polygon.
+///    is large, with residuals that are noise and not another shape's, and a
+///    middle as bright as its rim.
 ///
 /// The covariance is s^2 (J^T W J)^-1 with s^2 from the residuals. Neighbouring
 /// profiles share pixels, so only one in `kCorrelationPx` of the contour counts

@@ -63,18 +63,16 @@ def recognize(
     Examples
     --------
     >>> y, x = np.mgrid[:60, :80]
-    >>> distance = np.hypot(x - 40.2, y - 30.5)
+    >>> distance = np.hypot(x - 40.3, y - 30.5)
     >>> image = np.uint8(20 + 200 * np.clip(10.5 - distance, 0, 1))
     >>> targets = recognize(image)
     >>> targets.centre_px.round(1).tolist(), targets.id.tolist()
-    ([[40.2, 30.5]], [-1])
+    ([[40.3, 30.5]], [-1])
     """
     options = options or RecognitionOptions()
     image = _checked_image(image)
     core_options = _core_options(options)
     core_family = _named_family(options.codes) if family is None else to_core(family)
-    if image.size == 0:
-        image = np.zeros((0, 0), dtype=image.dtype)
     return Targets(**_core.recognize(image, core_options, core_family))
 
 
@@ -82,7 +80,7 @@ def _checked_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     image = np.asarray(image)
     if image.ndim != 2:
         raise ValueError(f"image: expected 2 dimensions (height, width), got shape {image.shape}")
-    if image.dtype not in (np.uint8, np.uint16):
+    if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         raise ValueError(f"image: expected uint8 or uint16, got {image.dtype}")
     if not image.dtype.isnative:
         image = image.astype(image.dtype.newbyteorder("="))

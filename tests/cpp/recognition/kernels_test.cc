@@ -1,0 +1,100 @@
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <random>
+#include <vector>
+
+#include "videogrammetry/recognition/bilinear.h"
+#include "videogrammetry/recognition/gradient_mask.h"
+
+namespace videogrammetry {
+namespace {
+
+constexpr InstructionSet kSets[] = {InstructionSet::kBaseline, InstructionSet::kAvx2,
+                                    InstructionSet::kAvx512};
+
+template <typename T>
+class KernelsTest : public ::testing::Test {
+ protected:
+  static constexpr int kLargest = sizeof(T) == 1 ? 255 : 65535;
+
+  static std::vector<T> Noise(std::size_t count, unsigned seed) {
+    std::mt19937 random(seed);
+    std::uniform_int_distribution<int> grey(0, kLargest);
+    std::vector<T> values(count);
+    for (T& value : values) value = static_cast<T>(grey(random));
+    return values;
+  }
+};
+
+using PixelTypes = ::testing::Types<std::uint8_t, std::uint16_t>;
+TYPED_TEST_SUITE(KernelsTest, PixelTypes);
+
+TYPED_TEST(KernelsTest, MaskIsTheDefinitionForEverySetWidthAndThreshold) {
+  for (const InstructionSet set : kSets) {
+    if (set > DetectInstructionSet()) continue;
+    const auto mask = SelectGradientMask<TypeParam>(set);
+    for (const int width : {1, 2, 3, 63, 64, 65, 66, 127, 128, 129, 130, 200, 1024, 1029}) {
+      const auto row = this->Noise(static_cast<std::size_t>(width), static_cast<unsigned>(width));
+      for (const int threshold : {0, 1, this->kLargest / 3, this->kLargest - 1, this->kLargest}) {
+        const auto words = static_cast<std::size_t>(width + 63) / 64;
+        std::vector<std::uint64_t> rises(words, ~0ull), falls(words, ~0ull);
+        mask(row.data(), width, threshold, rises.data(), falls.data());
+        for (int x = 0; x < static_cast<int>(64 * words); ++x) {
+          int g = 0;
+          if (x > 0 && x + 1 < width) {
+            g = static_cast<int>(row[static_cast<std::size_t>(x + 1)]) -
+                static_cast<int>(row[static_cast<std::size_t>(x - 1)]);
+          }
+          const auto word = static_cast<std::size_t>(x / 64);
+          ASSERT_EQ((rises[word] >> (x % 64)) & 1, g > threshold ? 1u : 0u)
+              << InstructionSetName(set) << ", width " << width << ", x " << x;
+          ASSERT_EQ((falls[word] >> (x % 64)) & 1, g < -threshold ? 1u : 0u)
+              << InstructionSetName(set) << ", width " << width << ", x " << x;
+        }
+      }
+    }
+  }
+}
+
+TYPED_TEST(KernelsTest, BilinearGivesTheSameBitsForEverySet) {
+  constexpr int kWidth = 37, kHeight = 23, kStride = 41;
+  const auto image = this->Noise(kStride * kHeight + 8, 7);
+  std::mt19937 random(11);
+  std::uniform_real_distribution<float> across(0.0f, kWidth - 1.01f - kBilinearMargin);
+  std::uniform_real_distribution<float> down(0.0f, kHeight - 1.01f);
+  for (const int count : {1, 7, 8, 9, 15, 16, 17, 100}) {
+    const auto n = static_cast<std::size_t>(count);
+    std::vector<float> x(n), y(n), expected(n);
+    for (std::size_t k = 0; k < n; ++k) {
+      x[k] = across(random);
+      y[k] = down(random);
+    }
+    SelectBilinear<TypeParam>(InstructionSet::kBaseline)(image.data(), kStride, x.data(), y.data(),
+                                                         count, expected.data());
+    for (const InstructionSet set : kSets) {
+      if (set > DetectInstructionSet()) continue;
+      std::vector<float> out(n);
+      SelectBilinear<TypeParam>(set)(image.data(), kStride, x.data(), y.data(), count, out.data());
+      EXPECT_EQ(out, expected) << InstructionSetName(set) << ", count " << count;
+    }
+  }
+}
+
+TYPED_TEST(KernelsTest, BilinearIsExactOnAPlane) {
+  constexpr int kStride = 16;
+  std::vector<TypeParam> image(kStride * kStride);
+  for (int i = 0; i < kStride * kStride; ++i) {
+    image[static_cast<std::size_t>(i)] =
+        static_cast<TypeParam>(10 + 3 * (i % kStride) + 5 * (i / kStride));
+  }
+  const std::vector<float> x = {0.0f, 1.25f, 7.5f, 11.75f}, y = {0.0f, 3.5f, 8.25f, 13.0f};
+  std::vector<float> out(4);
+  SelectBilinear<TypeParam>(DetectInstructionSet())(image.data(), kStride, x.data(), y.data(), 4,
+                                                    out.data());
+  // Quarters are exact in binary arithmetic.
+  for (std::size_t k = 0; k < 4; ++k) EXPECT_EQ(out[k], 10 + 3 * x[k] + 5 * y[k]);
+}
+
+}  // namespace
+}  // namespace videogrammetry

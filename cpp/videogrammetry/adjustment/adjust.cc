@@ -146,11 +146,14 @@ void CheckRedundancy(const Network& network, const Dispersion& dispersion) {
 bool TestParameters(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
                     AdjustResult* result) {
   const double sigma0 = SigmaZero(dispersion);
-  std::vector<DroppedParameter> dropped = HoldUndetermined(network, dispersion, sigma0);
-  if (dropped.empty() && options.significance > 0 && !options.offered.empty()) {
+  std::vector<DroppedParameter> dropped;
+  if (options.significance > 0 && !options.offered.empty()) {
     dropped = DropInsignificant(network, dispersion, options.offered, sigma0,
                                 options.significance);
   }
+  // Only then: near the picture's centre A1, A2, A3 together look like f, so
+  // that f seems undetermined until those that are not needed have gone.
+  if (dropped.empty()) dropped = HoldUndetermined(network, dispersion, sigma0);
   result->dropped.insert(result->dropped.end(), dropped.begin(), dropped.end());
   return !dropped.empty();
 }

@@ -45,6 +45,13 @@ class Dispersion {
   /// Covariance of all unknowns, reduced vector first, then the points'.
   Eigen::MatrixXd FullCovariance() const;
 
+  /// Moves all unknowns of a network as the normal equations answer to a
+  /// condition: the reduced unknowns `which` change by `change`, the others by
+  /// Q[:, D] Q[D, D]^-1 change. `network` must have the values of the network
+  /// that this dispersion was made of.
+  void ApplyCondition(const std::vector<int>& which, const Eigen::VectorXd& change,
+                      Network* network) const;
+
   /// Residual, w and redundancy of every observation, used or not.
   std::vector<ObservationStatistics> Statistics() const;
   /// Predicted picture of a point in an image and the covariance that the

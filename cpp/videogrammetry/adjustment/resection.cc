@@ -16,7 +16,7 @@ namespace videogrammetry {
 namespace {
 
 constexpr double kDistinctRad = 0.035;  // 2 degrees
-constexpr std::size_t kRefined = 6;     // best poses of the sampling that are refined
+constexpr std::size_t kRefined = 3;     // best poses of the sampling that are refined
 
 double AngleBetween(const Rigid3& a, const Rigid3& b) {
   return VectorFromRotation(a.rotation * b.rotation.transpose()).norm();
@@ -131,7 +131,12 @@ std::vector<PoseCandidate> Sample(const Eigen::Ref<const Points3d>& points_mm,
                                   const ResectionOptions& options) {
   std::mt19937 random(options.seed);
   std::vector<PoseCandidate> found;
+  int most_inliers = 0;
   for (int i = 0; i < options.num_samples; ++i) {
+    // Enough when a triple without a wrong number is missing with 1e-6 only;
+    // never fewer than a dozen, so that the mirrored pose shows up too.
+    const double share = static_cast<double>(most_inliers) / static_cast<double>(points_mm.rows());
+    if (i >= 12 && std::pow(1.0 - share * share * share, i) < 1e-6) break;
     const auto triple = DrawTriple(ideal_px, &random);
     Eigen::Matrix3d points, rays;
     Eigen::Matrix<double, 2, 3> pictures;
@@ -142,6 +147,7 @@ std::vector<PoseCandidate> Sample(const Eigen::Ref<const Points3d>& points_mm,
     }
     for (const Rigid3& pose : SolveP3P(points, rays)) {
       found.push_back(Judge(pose, points_mm, ideal_px, f_px, options.threshold_px));
+      most_inliers = std::max(most_inliers, found.back().inliers);
     }
     for (const Rigid3& pose : SolveWeakPerspective(points, pictures, f_px)) {
       found.push_back(Judge(pose, points_mm, ideal_px, f_px, options.threshold_px));

@@ -102,16 +102,21 @@ void SetOutliersAside(Network* network, double limit) {
   }
 }
 
-/// Holds every pose that fewer than `kMinPoints` used observations determine
-/// and sets those observations aside for good: a stage whose pictures were all
+/// Holds every pose that sees fewer than `kMinPoints` different points and sets
+/// its observations aside for good: a stage whose pictures were all
 /// rejected must not make the normal equations singular.
 bool HoldStarvedPoses(Network* network, std::vector<int>* rounds_out) {
   constexpr int kMinPoints = 4;
   std::vector<int> count(network->poses.size());
+  std::vector<std::vector<bool>> seen(count.size(),
+                                      std::vector<bool>(network->points.size()));
   for (const NetworkObservation& o : network->observations) {
-    const NetworkImage& image = network->images[o.image];
-    count[image.inner] += o.used;
-    if (image.outer >= 0) count[image.outer] += o.used;
+    if (!o.used) continue;
+    for (const int pose : {network->images[o.image].inner, network->images[o.image].outer}) {
+      if (pose < 0 || seen[pose][o.point]) continue;
+      seen[pose][o.point] = true;
+      ++count[pose];
+    }
   }
   auto starved = [&](int pose) {
     return pose >= 0 && network->poses[pose].free && count[pose] < kMinPoints;

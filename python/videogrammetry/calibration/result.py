@@ -49,7 +49,8 @@ class Outcome:
     position_mm: FloatArray
     point_cov_mm2: FloatArray | None
     rejected: Sequence[Rejection] = ()
-    warnings: Sequence[str] = field(default_factory=list)
+    warnings: Sequence[str] = ()
+    statistics: Mapping[str, Any] = field(default_factory=dict)
 
 
 def calibration_run(
@@ -76,7 +77,7 @@ def calibration_run(
         "method": options.method, "options": asdict(options), "sigma0": sigma0,
         "redundancy": redundancy, "unknowns": sum(a.num_unknowns for a in adjustments),
         "image_coordinates": sum(a.num_observations for a in adjustments),
-        "rms_px": rms_px(table.residual_px[used]),
+        "rms_px": rms_px(table.residual_px[used]), **outcome.statistics,
     }  # fmt: skip
     kept = {
         names[camera]: s.bundle.network.free(index)

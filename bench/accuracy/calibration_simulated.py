@@ -123,8 +123,13 @@ def redraw(kind, truth, poses, cameras, target, seed):
             in_rig = points @ rotation.T + shift
             xy = project(model, in_rig @ model.rotation.T + model.translation_mm)
             frames.append(
-                FrameTargets(stage=frame.stage, image=frame.image, id=frame.id,
-                             xy_px=xy + rng.normal(0, 0.02, xy.shape), cov_px2=frame.cov_px2)
+                FrameTargets(
+                    stage=frame.stage,
+                    image=frame.image,
+                    id=frame.id,
+                    xy_px=xy + rng.normal(0, 0.02, xy.shape),
+                    cov_px2=frame.cov_px2,
+                )
             )
         result.append(replace(camera, frames=frames))
     noisy = target.position_mm + rng.normal(0, 0.1, target.position_mm.shape)
@@ -150,7 +155,9 @@ def many_draws(count, results):
             row = {p: (rms(found[p]), rms(bound[p])) for p in PAIRS}
             print(
                 f"{kind:7} {label:20} "
-                + "   ".join(f"pair {p}: {e:.4f} / {b:.4f} = {e / b:.2f}" for p, (e, b) in row.items())
+                + "   ".join(
+                    f"pair {p}: {e:.4f} / {b:.4f} = {e / b:.2f}" for p, (e, b) in row.items()
+                )
             )
             results[f"{kind}/{label}/draws"] = row
 

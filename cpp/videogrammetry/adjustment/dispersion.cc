@@ -36,9 +36,8 @@ Dispersion::Row Dispersion::Linearise(int image_index, int point) const {
   const Rigid3* outer = image.outer < 0 ? nullptr : &network_.poses[image.outer].transform;
   ImagePointJacobians j;
   Row row;
-  const auto pixel =
-      PredictImagePoint(camera.camera, outer, network_.poses[image.inner].transform,
-                        network_.points[point].position_mm, &j);
+  const auto pixel = PredictImagePoint(camera.camera, outer, network_.poses[image.inner].transform,
+                                       network_.points[point].position_mm, &j);
   if (!pixel) return row;
   row.valid = true;
   row.pixel = *pixel;
@@ -149,8 +148,7 @@ void Dispersion::AccountForPriors() {
   for (std::size_t i = 0; i < network_.points.size(); ++i) {
     const NetworkPoint& p = network_.points[i];
     if (p.kind != PointKind::kWeighted) continue;
-    point_redundancy_ +=
-        3.0 - (CovPoint(static_cast<int>(i)) * p.prior_cov_mm2.inverse()).trace();
+    point_redundancy_ += 3.0 - (CovPoint(static_cast<int>(i)) * p.prior_cov_mm2.inverse()).trace();
   }
 }
 
@@ -208,13 +206,14 @@ void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::Vect
                                 Network* network) const {
   const Eigen::Index n = static_cast<Eigen::Index>(which.size());
   Eigen::MatrixXd columns(cov_.rows(), n), block(n, n);
-  for (Eigen::Index i = 0; i < n; ++i) columns.col(i) = cov_.col(which[static_cast<std::size_t>(i)]);
-  for (Eigen::Index i = 0; i < n; ++i) block.row(i) = columns.row(which[static_cast<std::size_t>(i)]);
+  for (Eigen::Index i = 0; i < n; ++i)
+    columns.col(i) = cov_.col(which[static_cast<std::size_t>(i)]);
+  for (Eigen::Index i = 0; i < n; ++i)
+    block.row(i) = columns.row(which[static_cast<std::size_t>(i)]);
   // Unit diagonal: A1 and A3 differ by twelve powers of ten.
   const Eigen::VectorXd scale = block.diagonal().cwiseSqrt().cwiseInverse();
   block = scale.asDiagonal() * block * scale.asDiagonal();
-  const Eigen::VectorXd factor =
-      scale.cwiseProduct(block.ldlt().solve(scale.cwiseProduct(change)));
+  const Eigen::VectorXd factor = scale.cwiseProduct(block.ldlt().solve(scale.cwiseProduct(change)));
   const Eigen::VectorXd step = columns * factor;
   Eigen::MatrixXd by_point(n, cov_by_point_.cols());
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -252,8 +251,7 @@ Eigen::Matrix2d Dispersion::CovOfPrediction(const Row& row, int point) const {
   for (int i = 0; i < row.size; ++i) {
     q_by_point.row(i) = cov_by_point_.row(row.unknown[i]).segment<3>(3 * p);
   }
-  const Eigen::Matrix2d cross =
-      a * q_by_point.topRows(row.size) * row.by_point.transpose();
+  const Eigen::Matrix2d cross = a * q_by_point.topRows(row.size) * row.by_point.transpose();
   cov += cross + cross.transpose() + row.by_point * CovPoint(point) * row.by_point.transpose();
   return cov;
 }

@@ -75,8 +75,8 @@ class Dispersion {
   struct Row {
     bool valid = false;
     int size = 0;
-    std::array<int, 22> unknown;                // places in the reduced vector
-    Eigen::Matrix<double, 2, 22> by_reduced;    // first `size` columns
+    std::array<int, 22> unknown;              // places in the reduced vector
+    Eigen::Matrix<double, 2, 22> by_reduced;  // first `size` columns
     Eigen::Matrix<double, 2, 3> by_point;
     Eigen::Vector2d pixel;
   };
@@ -90,13 +90,13 @@ class Dispersion {
 
   const Network& network_;
   UnknownIndex index_;
-  Eigen::MatrixXd normal_;                   // Ncc
-  Eigen::MatrixXd normal_by_point_;          // Ncp, (U, 3P)
+  Eigen::MatrixXd normal_;                     // Ncc
+  Eigen::MatrixXd normal_by_point_;            // Ncp, (U, 3P)
   std::vector<Eigen::Matrix3d> normal_point_;  // Npp
   std::vector<Eigen::Matrix3d> inverse_point_;
-  Eigen::MatrixXd y_;                        // Y' = Ncp Npp^-1, (U, 3P)
-  Eigen::MatrixXd cov_;                      // Qcc
-  Eigen::MatrixXd cov_by_point_;             // Qcp, (U, 3P)
+  Eigen::MatrixXd y_;             // Y' = Ncp Npp^-1, (U, 3P)
+  Eigen::MatrixXd cov_;           // Qcc
+  Eigen::MatrixXd cov_by_point_;  // Qcp, (U, 3P)
   int num_observations_ = 0;
   int num_prior_ = 0;
   double weighted_squares_ = 0.0;

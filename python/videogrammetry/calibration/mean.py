@@ -38,7 +38,7 @@ def calibrate_mean(
     scatter alone understates the error many times.
     """
     solutions, rejected, poses = [], [], []
-    for index, camera in enumerate(cameras):
+    for index in range(len(cameras)):
         own = [p for p in pictures.of_camera(index) if p.stage in starts[index].poses]
         start_poses = {
             p.stage: compose(rig.cam_from_rig[index], rig.rig_from_target[p.stage]) for p in own
@@ -90,7 +90,10 @@ def _solve_camera(
             return solution, rejected
         rejected.append(
             Rejection(
-                kind="image", camera=cameras[index].name, image=kept[worst].image, point_id=None,
+                kind="image",
+                camera=cameras[index].name,
+                image=kept[worst].image,
+                point_id=None,
                 value=float(rms[worst]),
                 reason=f"RMS residual {rms[worst]:.3f} px exceeds {limit:.3f} px",
             )  # fmt: skip
@@ -212,19 +215,21 @@ def _chain_jacobians(mean: Rigid, parent: Rigid) -> tuple[FloatArray, FloatArray
     """Derivatives of mean * parent: w = wm + R wp;  d = dm + R dp + wm x (R tp)."""
     by_own = np.eye(6)
     by_own[3:, :3] = -_cross(mean[0] @ parent[1])
-    return by_own, np.kron(np.eye(2), mean[0])
+    by_parent: FloatArray = np.asarray(np.kron(np.eye(2), mean[0]), dtype=np.float64)
+    return by_own, by_parent
 
 
 def _mean_pose(relative: Sequence[Rigid]) -> tuple[Rigid, FloatArray]:
     rotation = nearest_rotation(np.mean([r for r, _ in relative], axis=0))
-    shift = np.mean([t for _, t in relative], axis=0)
+    shift: FloatArray = np.asarray(np.mean([t for _, t in relative], axis=0))
     n = len(relative)
     if n < 2:
         return (rotation, shift), np.full((6, 6), np.nan)
     deviation = np.array(
         [np.r_[vector_from_rotation(r @ rotation.T), t - shift] for r, t in relative]
     )
-    return (rotation, shift), deviation.T @ deviation / ((n - 1) * n)
+    cov: FloatArray = np.asarray(deviation.T @ deviation / ((n - 1) * n))
+    return (rotation, shift), cov
 
 
 def _stage_poses(

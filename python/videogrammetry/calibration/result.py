@@ -66,9 +66,7 @@ def calibration_run(
     names = tuple(camera.name for camera in cameras)
     table = observation_table(outcome.solutions, target)
     used = table.used
-    of = {
-        name: used & (table.camera == index) for index, name in enumerate(names)
-    }
+    of = {name: used & (table.camera == index) for index, name in enumerate(names)}
     adjustments = [s.adjustment for s in outcome.solutions]
     redundancy = sum(a.redundancy for a in adjustments)
     squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)

@@ -100,7 +100,10 @@ def start_camera(
         if picture.stage not in poses:
             rejected.append(
                 Rejection(
-                    kind="image", camera=camera.name, image=picture.image, point_id=None,
+                    kind="image",
+                    camera=camera.name,
+                    image=picture.image,
+                    point_id=None,
                     value=float(len(picture)),
                     reason=f"no pose fits half of its {len(picture)} points within "
                     f"{gate_px:.1f} px: wrong numbers or another target",
@@ -127,8 +130,14 @@ def _enough(picture: Picture, target: PointSet, name: str, rejected: list[Reject
         reason = "its known points lie along one line; a pose needs an area"
     if reason:
         rejected.append(
-            Rejection(kind="image", camera=name, image=picture.image, point_id=None,
-                      value=float(len(picture)), reason=reason)
+            Rejection(
+                kind="image",
+                camera=name,
+                image=picture.image,
+                point_id=None,
+                value=float(len(picture)),
+                reason=reason,
+            )
         )
     return not reason
 

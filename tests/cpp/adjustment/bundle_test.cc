@@ -25,8 +25,11 @@ TEST(Bundle, FindsExactTruthFromDisturbedStart) {
     for (std::size_t c = 0; c < truth.cameras.size(); ++c) {
       EXPECT_NEAR(network.cameras[c].camera.f_px(), truth.cameras[c].camera.f_px(), 1e-4)
           << "seed " << seed;
-      EXPECT_LT((network.poses[c].transform.translation_mm -
-                 truth.poses[c].transform.translation_mm).norm(), 1e-3) << "seed " << seed;
+      EXPECT_LT(
+          (network.poses[c].transform.translation_mm - truth.poses[c].transform.translation_mm)
+              .norm(),
+          1e-3)
+          << "seed " << seed;
     }
   }
 }

@@ -148,7 +148,8 @@ TEST(Significance, LinearDropEqualsAdjustmentWithoutTheParameter) {
       const double sigma = std::sqrt(dispersion.cov_reduced()(u, u));
       // Second-order terms: a small share of a standard deviation.
       EXPECT_NEAR(network.cameras[c].camera.interior[k], other.cameras[c].camera.interior[k],
-                  0.05 * sigma) << kInteriorNames[k];
+                  0.05 * sigma)
+          << kInteriorNames[k];
     }
   }
 }

@@ -17,8 +17,10 @@ struct Case {
 
 Case MakeCase(unsigned seed, int count, double relief_mm, double noise_px) {
   std::mt19937 random(seed);
-  Case c{Points3d(count, 3), Points2d(count, 2),
-         {RotationFromVector(synthetic::UniformVector(&random, 0.5)), {30, -20, 2500}}, {}};
+  Case c{Points3d(count, 3),
+         Points2d(count, 2),
+         {RotationFromVector(synthetic::UniformVector(&random, 0.5)), {30, -20, 2500}},
+         {}};
   c.k << 2000, 3, 520, 0, 2020, 500, 0, 0, 1;
   for (int i = 0; i < count; ++i) {
     c.points.row(i) << synthetic::Uniform(&random, 400), synthetic::Uniform(&random, 400),

@@ -22,7 +22,8 @@ View MakeView(unsigned seed, int count, double relief_mm, double f_px, double di
   std::mt19937 random(seed);
   View v{synthetic::MakeCamera(f_px),
          {RotationFromVector(synthetic::UniformVector(&random, 0.6)), {20, -30, distance_mm}},
-         Points3d(count, 3), Points2d(count, 2)};
+         Points3d(count, 3),
+         Points2d(count, 2)};
   for (int i = 0; i < count; ++i) {
     v.points.row(i) << synthetic::Uniform(&random, 300), synthetic::Uniform(&random, 300),
         synthetic::Uniform(&random, relief_mm);

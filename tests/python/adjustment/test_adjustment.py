@@ -79,8 +79,13 @@ def test_priors_hold_a_parameter():
     found = []
     for sigma in (1e-3, 1e3):
         network = Network()
-        camera = network.add_camera("left", CAMERA, free=("f",), prior_sigma={"f": sigma},
-                                    start=np.r_[1990.0, CAMERA.interior[1:]])
+        camera = network.add_camera(
+            "left",
+            CAMERA,
+            free=("f",),
+            prior_sigma={"f": sigma},
+            start=np.r_[1990.0, CAMERA.interior[1:]],
+        )
         inner = network.add_pose("stage 1", *pose)
         image = network.add_image("left_1", camera, inner=inner)
         network.set_points(np.arange(25), points)

@@ -144,7 +144,10 @@ def test_wrong_numbers_are_rejected_by_name(scene, seed):
         [
             np.linalg.norm(truth[c, stage, n] - xy) > 1.0
             for c, stage, n, xy in zip(
-                table.camera.tolist(), table.stage.tolist(), table.point_id.tolist(), table.xy_px,
+                table.camera.tolist(),
+                table.stage.tolist(),
+                table.point_id.tolist(),
+                table.xy_px,
                 strict=True,
             )
         ]  # fmt: skip
@@ -277,10 +280,25 @@ def test_unknown_numbers_are_counted_or_refused(scene):
     assert {r.point_id for r in run.rejected if r.kind == "unknown-target"} == {39, 40}
 
 
-def test_one_flat_picture_does_not_give_f(scene):
-    s = scene(num_cameras=1, num_stages=1, relief_mm=0.0)
-    with pytest.raises(CalibrationError, match="f"):
+def test_square_view_of_a_plane_does_not_give_f(scene):
+    s = scene(num_cameras=1, num_stages=1, relief_mm=0.0, tilt_rad=0.01)
+    with pytest.raises(CalibrationError, match="camera c1: the pictures do not determine f"):
         calibrate(s.frames, s.target)
+    # With f given it is held, and said.
+    given = replace(s.frames[0], start={"f_px": 2000.0}, free=("f",))
+    run = calibrate([given], s.target)
+    assert run.rig.cameras["c1"].interior[0] == 2000.0
+    assert any("f is not determined" in w for w in run.warnings)
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_one_tilted_flat_picture_gives_f_or_says_no(scene, seed):
+    s = scene(num_cameras=1, num_stages=1, relief_mm=0.0, seed=seed)
+    try:
+        camera = calibrate(s.frames, s.target).rig.cameras["c1"]
+    except CalibrationError:
+        return  # it said so
+    assert abs(camera.interior[0] - 2000) < 5 * camera.sigma["f"]
 
 
 def test_too_few_points_name_the_camera(scene):

@@ -39,7 +39,8 @@ def frames_of(rows, stage_of, point="point", sigma_px=0.05):
         variance = np.array([float(row.get("sigma_px") or sigma_px) ** 2 for row in group])
         frames.append(
             FrameTargets(
-                stage=stage_of(image), image=image,
+                stage=stage_of(image),
+                image=image,
                 id=np.array([int(row[point]) for row in group], np.int32),
                 xy_px=np.array([[float(row["x_px"]), float(row["y_px"])] for row in group]),
                 cov_px2=np.stack([variance, 0 * variance, variance], axis=1),
@@ -60,8 +61,9 @@ def rig_simulated(kind: str, free="reference", r0_px=None):
             rows = list(csv.DictReader(file))
         frames = frames_of(rows, lambda image: int(image.removeprefix("pose")) + 1)
         cameras.append(
-            CameraFrames(name=name, image_size_px=(1024, 1024), frames=frames, free=free,
-                         r0_px=r0_px)
+            CameraFrames(
+                name=name, image_size_px=(1024, 1024), frames=frames, free=free, r0_px=r0_px
+            )
         )
     return cameras, read_points(folder / "cross.csv"), truth
 
@@ -77,7 +79,8 @@ def aicon_panel(stages=AICON_STAGES, free=None):
     cameras = []
     for name in ("left", "right"):
         own = [
-            row for row in rows
+            row
+            for row in rows
             if row["image"].startswith(name) and int(row["image"].split("_")[1]) in stages
         ]
         frames = frames_of(own, lambda image: int(image.split("_")[1]), point="id")

@@ -51,8 +51,8 @@ void SetPoints(Network& n, const Indices& id, const Eigen::Ref<const Rows<3>>& p
   for (Eigen::Index i = 0; i < id.size(); ++i) {
     NetworkPoint p{id[i], position_mm.row(i).transpose(), kind, position_mm.row(i).transpose()};
     if (cov_mm2.rows() > 0) {
-      p.prior_cov_mm2 = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
-          cov_mm2.row(i).data());
+      p.prior_cov_mm2 =
+          Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(cov_mm2.row(i).data());
     }
     n.points.push_back(p);
   }
@@ -65,8 +65,8 @@ void SetObservations(Network& n, const Indices& image, const Indices& point,
   for (Eigen::Index i = 0; i < image.size(); ++i) {
     Eigen::Matrix2d cov;
     cov << cov_px2(i, 0), cov_px2(i, 1), cov_px2(i, 1), cov_px2(i, 2);
-    n.observations.push_back({image[i], point[i], xy_px.row(i).transpose(), cov,
-                              used[static_cast<std::size_t>(i)]});
+    n.observations.push_back(
+        {image[i], point[i], xy_px.row(i).transpose(), cov, used[static_cast<std::size_t>(i)]});
   }
 }
 
@@ -140,22 +140,21 @@ void BindNetwork(py::module_& m) {
            [](Network& n, int i, const Eigen::Matrix3d& rotation, const Eigen::Vector3d& t) {
              n.poses.at(static_cast<std::size_t>(i)).transform = {rotation, t};
            })
-      .def("set_free", [](Network& n, int i, const Mask& free) {
-        n.cameras.at(static_cast<std::size_t>(i)).free = free;
-      })
-      .def("camera", [](const Network& n, int i) {
-        return n.cameras.at(static_cast<std::size_t>(i)).camera;
-      })
-      .def("free", [](const Network& n, int i) {
-        return n.cameras.at(static_cast<std::size_t>(i)).free;
-      })
-      .def("floor_px", [](const Network& n, int i) {
-        return n.cameras.at(static_cast<std::size_t>(i)).floor_px;
-      })
-      .def("pose", [](const Network& n, int i) {
-        const Rigid3& t = n.poses.at(static_cast<std::size_t>(i)).transform;
-        return py::make_tuple(t.rotation, t.translation_mm);
-      })
+      .def("set_free",
+           [](Network& n, int i, const Mask& free) {
+             n.cameras.at(static_cast<std::size_t>(i)).free = free;
+           })
+      .def("camera",
+           [](const Network& n, int i) { return n.cameras.at(static_cast<std::size_t>(i)).camera; })
+      .def("free",
+           [](const Network& n, int i) { return n.cameras.at(static_cast<std::size_t>(i)).free; })
+      .def("floor_px", [](const Network& n,
+                          int i) { return n.cameras.at(static_cast<std::size_t>(i)).floor_px; })
+      .def("pose",
+           [](const Network& n, int i) {
+             const Rigid3& t = n.poses.at(static_cast<std::size_t>(i)).transform;
+             return py::make_tuple(t.rotation, t.translation_mm);
+           })
       .def_property_readonly("num_poses", [](const Network& n) { return n.poses.size(); })
       .def_property_readonly("positions_mm", &Positions)
       .def_property_readonly("used", &Used);
@@ -195,9 +194,8 @@ void BindAdjust(py::module_& m) {
       .def_readonly("cameras", &AdjustResult::cameras)
       .def_readonly("dropped", &AdjustResult::dropped)
       .def_readonly("rounds", &AdjustResult::rounds)
-      .def_property_readonly("statistics", [](const AdjustResult& r) {
-        return StatisticsArrays(r.statistics);
-      });
+      .def_property_readonly("statistics",
+                             [](const AdjustResult& r) { return StatisticsArrays(r.statistics); });
   m.def("adjust", &Adjust, "network"_a, "options"_a, py::call_guard<py::gil_scoped_release>());
   py::class_<Dispersion>(m, "Dispersion")
       .def(py::init<const Network&>(), "network"_a, py::keep_alive<1, 2>(),
@@ -207,8 +205,7 @@ void BindAdjust(py::module_& m) {
                              [](const Dispersion& d) { return d.index().interior; })
       .def_property_readonly("pose_index", [](const Dispersion& d) { return d.index().pose; })
       .def_property_readonly("redundancy", &Dispersion::redundancy)
-      .def("full_covariance", &Dispersion::FullCovariance,
-           py::call_guard<py::gil_scoped_release>())
+      .def("full_covariance", &Dispersion::FullCovariance, py::call_guard<py::gil_scoped_release>())
       .def("statistics", [](const Dispersion& d) { return StatisticsArrays(d.Statistics()); })
       .def("predict", &PredictMany, "image"_a, "point"_a);
   m.def("point_covariances", &PointCovariances, "network"_a, "dispersion"_a);
@@ -262,9 +259,8 @@ void BindStart(py::module_& m) {
         return FitHomography(plane_mm, pixels);
       },
       "plane_mm"_a, "pixels"_a);
-  m.def("principal_extents", [](const Eigen::Ref<const Rows<3>>& points_mm) {
-    return PrincipalExtents(points_mm);
-  });
+  m.def("principal_extents",
+        [](const Eigen::Ref<const Rows<3>>& points_mm) { return PrincipalExtents(points_mm); });
 }
 
 }  // namespace

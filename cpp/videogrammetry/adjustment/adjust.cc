@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "videogrammetry/adjustment/bundle.h"
 #include "videogrammetry/adjustment/snooping.h"
@@ -102,16 +103,20 @@ void SetOutliersAside(Network* network, double limit) {
   }
 }
 
-/// Holds every pose that fewer than `kMinPoints` used observations determine
-/// and sets those observations aside for good: a stage whose pictures were all
+/// Holds every pose that sees fewer than `kMinPoints` different points and sets
+/// its observations aside for good: a stage whose pictures were all
 /// rejected must not make the normal equations singular.
 bool HoldStarvedPoses(Network* network, std::vector<int>* rounds_out) {
   constexpr int kMinPoints = 4;
   std::vector<int> count(network->poses.size());
+  std::vector<std::vector<bool>> seen(count.size(), std::vector<bool>(network->points.size()));
   for (const NetworkObservation& o : network->observations) {
-    const NetworkImage& image = network->images[o.image];
-    count[image.inner] += o.used;
-    if (image.outer >= 0) count[image.outer] += o.used;
+    if (!o.used) continue;
+    for (const int pose : {network->images[o.image].inner, network->images[o.image].outer}) {
+      if (pose < 0 || seen[pose][o.point]) continue;
+      seen[pose][o.point] = true;
+      ++count[pose];
+    }
   }
   auto starved = [&](int pose) {
     return pose >= 0 && network->poses[pose].free && count[pose] < kMinPoints;
@@ -143,22 +148,87 @@ void CheckRedundancy(const Network& network, const Dispersion& dispersion) {
                         " unknowns");
 }
 
+/// Observes the parameters of cameras under test loosely (f to half of itself,
+/// the principal point to a tenth of the picture, each distortion term to a
+/// tenth of the radius at r0, affinity to 5 %), until what is not needed has
+/// gone: ten parameters on a few flat pictures are nearly singular, and least
+/// squares would leave for f = 4 px. The loose priors never enter the result.
+void AddLoosePriors(Network* network, const AdjustOptions& options) {
+  for (std::size_t c = 0; c < network->cameras.size(); ++c) {
+    NetworkCamera& camera = network->cameras[c];
+    const auto& offered = options.offered[c];
+    if (std::none_of(offered.begin(), offered.end(), [](bool is) { return is; })) continue;
+    const double side = std::max(camera.camera.width_px, camera.camera.height_px);
+    InteriorVector loose = 0.1 * InteriorScale(camera.camera);
+    loose[kF] = 0.5 * camera.camera.f_px();
+    loose[kX0] = loose[kY0] = 0.1 * side;
+    loose[kE1] = loose[kE2] = 0.05;
+    for (int k = 0; k < kNumInterior; ++k) {
+      if (!(camera.prior_sigma[k] > 0)) camera.prior_sigma[k] = loose[k];
+    }
+  }
+}
+
 bool TestParameters(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
                     AdjustResult* result) {
   const double sigma0 = SigmaZero(dispersion);
-  std::vector<DroppedParameter> dropped = HoldUndetermined(network, dispersion, sigma0);
-  if (dropped.empty() && options.significance > 0 && !options.offered.empty()) {
-    dropped = DropInsignificant(network, dispersion, options.offered, sigma0,
-                                options.significance);
+  std::vector<DroppedParameter> dropped;
+  if (options.significance > 0 && !options.offered.empty()) {
+    dropped = DropInsignificant(network, dispersion, options.offered, sigma0, options.significance);
   }
+  // Only then: near the picture's centre A1, A2, A3 together look like f, so
+  // that f seems undetermined until those that are not needed have gone.
+  if (dropped.empty()) dropped = HoldUndetermined(network, dispersion, sigma0);
   result->dropped.insert(result->dropped.end(), dropped.begin(), dropped.end());
   return !dropped.empty();
+}
+
+/// What to do about singular normal equations: with f and the principal point
+/// of every camera observed as loosely as themselves, those that stay as loose
+/// are held. False if that is not what makes the system singular.
+bool HoldSingular(Network* network, AdjustResult* result) {
+  Network loose = *network;
+  for (NetworkCamera& c : loose.cameras) {
+    const double side = std::max(c.camera.width_px, c.camera.height_px);
+    for (const int k : {kF, kX0, kY0}) {
+      if (!(c.prior_sigma[k] > 0)) c.prior_sigma[k] = k == kF ? c.camera.f_px() : side;
+    }
+  }
+  std::vector<DroppedParameter> held;
+  try {
+    held = HoldUndetermined(&loose, Dispersion(loose), 1.0);
+  } catch (const AdjustmentError&) {
+    return false;
+  }
+  for (std::size_t c = 0; c < loose.cameras.size(); ++c) {
+    loose.cameras[c].prior_sigma = network->cameras[c].prior_sigma;
+  }
+  *network = std::move(loose);
+  result->dropped.insert(result->dropped.end(), held.begin(), held.end());
+  return !held.empty();
+}
+
+/// The dispersion at the present values; parameters that leave it singular are held.
+Dispersion RegularDispersion(Network* network, const BundleOptions& bundle, BundleSummary* summary,
+                             AdjustResult* result) {
+  while (true) {
+    try {
+      return Dispersion(*network);
+    } catch (const AdjustmentError&) {
+      if (!HoldSingular(network, result)) throw;
+    }
+    *summary = SolveBundle(network, bundle);
+  }
 }
 
 }  // namespace
 
 AdjustResult Adjust(Network* network, const AdjustOptions& options) {
   AdjustResult result;
+  bool loose = options.significance > 0 && !options.offered.empty();
+  std::vector<InteriorVector> priors;
+  for (const NetworkCamera& c : network->cameras) priors.push_back(c.prior_sigma);
+  if (loose) AddLoosePriors(network, options);
   if (options.robust_start) {
     RobustStart(network, options);
     if (options.critical_value > 0) SetOutliersAside(network, 2.0 * options.critical_value);
@@ -172,15 +242,20 @@ AdjustResult Adjust(Network* network, const AdjustOptions& options) {
   for (int round = 1;; ++round) {
     while (HoldStarvedPoses(network, &rounds_out)) {
     }
-    const BundleSummary summary = SolveBundle(network, bundle);
-    const Dispersion dispersion(*network);
+    BundleSummary summary = SolveBundle(network, bundle);
+    const Dispersion dispersion = RegularDispersion(network, bundle, &summary, &result);
     CheckRedundancy(*network, dispersion);
     result.rounds = round;
     result.converged = summary.converged;
     result.message = summary.message;
-    const bool changed =
-        round < options.max_rounds && (Revise(network, dispersion, options, &rounds_out, &result) ||
-                                       TestParameters(network, dispersion, options, &result));
+    const bool last = round >= options.max_rounds;
+    bool changed = !last && Revise(network, dispersion, options, &rounds_out, &result);
+    if (!changed && !last) changed = TestParameters(network, dispersion, options, &result);
+    if (loose && (last || !changed || !result.dropped.empty())) {
+      for (std::size_t c = 0; c < priors.size(); ++c) network->cameras[c].prior_sigma = priors[c];
+      loose = false;
+      changed = true;
+    }
     if (changed) continue;
     result.statistics = dispersion.Statistics();
     result.cameras = CameraVariances(*network, result.statistics);

@@ -40,8 +40,7 @@ class PoseManifold : public ceres::Manifold {
   int TangentSize() const override { return 6; }
   bool Plus(const double* x, const double* delta, double* sum) const override {
     const Eigen::Map<const Eigen::Vector3d> w(delta), d(delta + 3);
-    As<Eigen::Matrix3d>(sum) =
-        RotationFromVector(w) * As<Eigen::Matrix3d>(x);
+    As<Eigen::Matrix3d>(sum) = RotationFromVector(w) * As<Eigen::Matrix3d>(x);
     As<Eigen::Vector3d>(sum + 9) = As<Eigen::Vector3d>(x + 9) + d;
     return true;
   }
@@ -50,10 +49,9 @@ class PoseManifold : public ceres::Manifold {
     return true;
   }
   bool Minus(const double* y, const double* x, double* difference) const override {
-    As<Eigen::Vector3d>(difference) = VectorFromRotation(
-        As<Eigen::Matrix3d>(y) * As<Eigen::Matrix3d>(x).transpose());
-    As<Eigen::Vector3d>(difference + 3) =
-        As<Eigen::Vector3d>(y + 9) - As<Eigen::Vector3d>(x + 9);
+    As<Eigen::Vector3d>(difference) =
+        VectorFromRotation(As<Eigen::Matrix3d>(y) * As<Eigen::Matrix3d>(x).transpose());
+    As<Eigen::Vector3d>(difference + 3) = As<Eigen::Vector3d>(y + 9) - As<Eigen::Vector3d>(x + 9);
     return true;
   }
   bool MinusJacobian(const double*, double* jacobian) const override {
@@ -85,9 +83,8 @@ class ImagePointCost : public ceres::CostFunction {
     const int inner = has_outer_ ? 2 : 1;
     const Eigen::Map<const Eigen::Vector3d> point(x[inner + 1]);
     ImagePointJacobians j;
-    const auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr,
-                                         PoseFrom(x[inner]), point,
-                                         jacobians != nullptr ? &j : nullptr);
+    const auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]),
+                                         point, jacobians != nullptr ? &j : nullptr);
     if (!pixel) return false;
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
@@ -126,8 +123,7 @@ class PriorCost : public ceres::SizedCostFunction<N, N> {
   using Matrix = Eigen::Matrix<double, N, N>;
   PriorCost(const Vector& prior, const Matrix& whiten) : prior_(prior), whiten_(whiten) {}
   bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
-    As<Vector>(residuals).noalias() =
-        whiten_ * (prior_ - As<Vector>(x[0]));
+    As<Vector>(residuals).noalias() = whiten_ * (prior_ - As<Vector>(x[0]));
     if (jacobians != nullptr && jacobians[0] != nullptr) {
       As<Eigen::Matrix<double, N, N, Eigen::RowMajor>>(jacobians[0]) = -whiten_;
     }
@@ -215,9 +211,8 @@ void AddPriors(const Network& network, Blocks* blocks, ceres::Problem* problem) 
       any = true;
     }
     if (!any) continue;
-    problem->AddResidualBlock(
-        new PriorCost<kNumInterior>(c.start.cwiseQuotient(scale), whiten), nullptr,
-        blocks->interior[i].data());
+    problem->AddResidualBlock(new PriorCost<kNumInterior>(c.start.cwiseQuotient(scale), whiten),
+                              nullptr, blocks->interior[i].data());
   }
 }
 

@@ -36,9 +36,8 @@ Dispersion::Row Dispersion::Linearise(int image_index, int point) const {
   const Rigid3* outer = image.outer < 0 ? nullptr : &network_.poses[image.outer].transform;
   ImagePointJacobians j;
   Row row;
-  const auto pixel =
-      PredictImagePoint(camera.camera, outer, network_.poses[image.inner].transform,
-                        network_.points[point].position_mm, &j);
+  const auto pixel = PredictImagePoint(camera.camera, outer, network_.poses[image.inner].transform,
+                                       network_.points[point].position_mm, &j);
   if (!pixel) return row;
   row.valid = true;
   row.pixel = *pixel;
@@ -149,8 +148,7 @@ void Dispersion::AccountForPriors() {
   for (std::size_t i = 0; i < network_.points.size(); ++i) {
     const NetworkPoint& p = network_.points[i];
     if (p.kind != PointKind::kWeighted) continue;
-    point_redundancy_ +=
-        3.0 - (CovPoint(static_cast<int>(i)) * p.prior_cov_mm2.inverse()).trace();
+    point_redundancy_ += 3.0 - (CovPoint(static_cast<int>(i)) * p.prior_cov_mm2.inverse()).trace();
   }
 }
 
@@ -204,6 +202,42 @@ Eigen::MatrixXd Dispersion::FullCovariance() const {
   return full;
 }
 
+void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::VectorXd& change,
+                                Network* network) const {
+  const Eigen::Index n = static_cast<Eigen::Index>(which.size());
+  Eigen::MatrixXd columns(cov_.rows(), n), block(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    columns.col(i) = cov_.col(which[static_cast<std::size_t>(i)]);
+  for (Eigen::Index i = 0; i < n; ++i)
+    block.row(i) = columns.row(which[static_cast<std::size_t>(i)]);
+  // Unit diagonal: A1 and A3 differ by twelve powers of ten.
+  const Eigen::VectorXd scale = block.diagonal().cwiseSqrt().cwiseInverse();
+  block = scale.asDiagonal() * block * scale.asDiagonal();
+  const Eigen::VectorXd factor = scale.cwiseProduct(block.ldlt().solve(scale.cwiseProduct(change)));
+  const Eigen::VectorXd step = columns * factor;
+  Eigen::MatrixXd by_point(n, cov_by_point_.cols());
+  for (Eigen::Index i = 0; i < n; ++i) {
+    by_point.row(i) = cov_by_point_.row(which[static_cast<std::size_t>(i)]);
+  }
+  const Eigen::VectorXd point_step = by_point.transpose() * factor;
+  for (std::size_t c = 0; c < index_.interior.size(); ++c) {
+    for (int k = 0; k < kNumInterior; ++k) {
+      const int u = index_.interior[c][k];
+      if (u >= 0) network->cameras[c].camera.interior[k] += step[u];
+    }
+  }
+  for (std::size_t p = 0; p < index_.pose.size(); ++p) {
+    if (index_.pose[p] < 0) continue;
+    Rigid3& pose = network->poses[p].transform;
+    pose.rotation = RotationFromVector(step.segment<3>(index_.pose[p])) * pose.rotation;
+    pose.translation_mm += step.segment<3>(index_.pose[p] + 3);
+  }
+  for (std::size_t p = 0; p < index_.point.size(); ++p) {
+    if (index_.point[p] < 0) continue;
+    network->points[p].position_mm += point_step.segment<3>(3 * index_.point[p]);
+  }
+}
+
 Eigen::Matrix2d Dispersion::CovOfPrediction(const Row& row, int point) const {
   Eigen::Matrix<double, 22, 22> q;
   for (int b = 0; b < row.size; ++b) {
@@ -217,8 +251,7 @@ Eigen::Matrix2d Dispersion::CovOfPrediction(const Row& row, int point) const {
   for (int i = 0; i < row.size; ++i) {
     q_by_point.row(i) = cov_by_point_.row(row.unknown[i]).segment<3>(3 * p);
   }
-  const Eigen::Matrix2d cross =
-      a * q_by_point.topRows(row.size) * row.by_point.transpose();
+  const Eigen::Matrix2d cross = a * q_by_point.topRows(row.size) * row.by_point.transpose();
   cov += cross + cross.transpose() + row.by_point * CovPoint(point) * row.by_point.transpose();
   return cov;
 }

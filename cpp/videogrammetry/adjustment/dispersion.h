@@ -45,6 +45,13 @@ class Dispersion {
   /// Covariance of all unknowns, reduced vector first, then the points'.
   Eigen::MatrixXd FullCovariance() const;
 
+  /// Moves all unknowns of a network as the normal equations answer to a
+  /// condition: the reduced unknowns `which` change by `change`, the others by
+  /// Q[:, D] Q[D, D]^-1 change. `network` must have the values of the network
+  /// that this dispersion was made of.
+  void ApplyCondition(const std::vector<int>& which, const Eigen::VectorXd& change,
+                      Network* network) const;
+
   /// Residual, w and redundancy of every observation, used or not.
   std::vector<ObservationStatistics> Statistics() const;
   /// Predicted picture of a point in an image and the covariance that the
@@ -68,8 +75,8 @@ class Dispersion {
   struct Row {
     bool valid = false;
     int size = 0;
-    std::array<int, 22> unknown;                // places in the reduced vector
-    Eigen::Matrix<double, 2, 22> by_reduced;    // first `size` columns
+    std::array<int, 22> unknown;              // places in the reduced vector
+    Eigen::Matrix<double, 2, 22> by_reduced;  // first `size` columns
     Eigen::Matrix<double, 2, 3> by_point;
     Eigen::Vector2d pixel;
   };
@@ -83,13 +90,13 @@ class Dispersion {
 
   const Network& network_;
   UnknownIndex index_;
-  Eigen::MatrixXd normal_;                   // Ncc
-  Eigen::MatrixXd normal_by_point_;          // Ncp, (U, 3P)
+  Eigen::MatrixXd normal_;                     // Ncc
+  Eigen::MatrixXd normal_by_point_;            // Ncp, (U, 3P)
   std::vector<Eigen::Matrix3d> normal_point_;  // Npp
   std::vector<Eigen::Matrix3d> inverse_point_;
-  Eigen::MatrixXd y_;                        // Y' = Ncp Npp^-1, (U, 3P)
-  Eigen::MatrixXd cov_;                      // Qcc
-  Eigen::MatrixXd cov_by_point_;             // Qcp, (U, 3P)
+  Eigen::MatrixXd y_;             // Y' = Ncp Npp^-1, (U, 3P)
+  Eigen::MatrixXd cov_;           // Qcc
+  Eigen::MatrixXd cov_by_point_;  // Qcp, (U, 3P)
   int num_observations_ = 0;
   int num_prior_ = 0;
   double weighted_squares_ = 0.0;

@@ -29,8 +29,8 @@ Eigen::Matrix<double, N + 1, N + 1> Normaliser(
 
 /// K and R of M = K R: RQ decomposition by QR of the row-reversed matrix.
 void DecomposeRq(const Eigen::Matrix3d& m, Eigen::Matrix3d* k, Eigen::Matrix3d* r) {
-  const Eigen::Matrix3d flip = Eigen::Vector3d::Ones().asDiagonal().toDenseMatrix().rowwise()
-                                   .reverse();
+  const Eigen::Matrix3d flip =
+      Eigen::Vector3d::Ones().asDiagonal().toDenseMatrix().rowwise().reverse();
   const Eigen::HouseholderQR<Eigen::Matrix3d> qr((flip * m).transpose());
   const Eigen::Matrix3d q = qr.householderQ();
   Eigen::Matrix3d upper = qr.matrixQR().triangularView<Eigen::Upper>();
@@ -92,8 +92,8 @@ DltResult DirectLinearTransform(const Eigen::Ref<const Points3d>& points_mm,
   const double thickness = PrincipalExtents(points_mm)[2];
   if (thickness < 1e-3) {
     std::ostringstream what;
-    what << "DLT: the " << points_mm.rows() << " points are coplanar (out of plane by "
-         << thickness << " of their extent); it needs a target that is not flat";
+    what << "DLT: the " << points_mm.rows() << " points are coplanar (out of plane by " << thickness
+         << " of their extent); it needs a target that is not flat";
     throw AdjustmentError(what.str());
   }
   Eigen::Matrix<double, 3, 4> p = SolveProjection(points_mm, pixels);

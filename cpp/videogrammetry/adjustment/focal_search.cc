@@ -57,9 +57,8 @@ Trial Follow(const Camera& camera, const std::vector<ResectionView>& views, cons
       for (Eigen::Index k = 0; k < ideal.rows(); ++k) {
         const Eigen::Vector3d p = trial.poses[i] * view.points_mm.row(k).transpose();
         const double e2 =
-            p.z() > 0
-                ? (f_px * p.head<2>() / p.z() - ideal.row(k).transpose()).squaredNorm()
-                : HUGE_VAL;
+            p.z() > 0 ? (f_px * p.head<2>() / p.z() - ideal.row(k).transpose()).squaredNorm()
+                      : HUGE_VAL;
         cost += std::min(e2, threshold_px * threshold_px);
       }
       cost /= static_cast<double>(ideal.rows());

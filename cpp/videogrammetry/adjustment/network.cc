@@ -45,8 +45,7 @@ void Network::Check() const {
   for (const NetworkPoint& p : points) {
     Require(p.position_mm.allFinite(), "point " + std::to_string(p.id) + " is not finite");
     if (p.kind != PointKind::kWeighted) continue;
-    Require(p.prior_mm.allFinite() &&
-                p.prior_cov_mm2.llt().info() == Eigen::Success,
+    Require(p.prior_mm.allFinite() && p.prior_cov_mm2.llt().info() == Eigen::Success,
             "point " + std::to_string(p.id) + ": its covariance is not positive definite");
   }
   for (std::size_t i = 0; i < observations.size(); ++i) {

@@ -47,13 +47,11 @@ std::vector<Rigid3> SolveP3P(const Eigen::Matrix3d& points_mm, const Eigen::Matr
       (q - 1) * (q - 1) - 4 * c_b * ca * ca};
   std::vector<Rigid3> poses;
   for (const double v : QuarticRoots(coefficients)) {
-    const double u =
-        ((q - 1) * v * v - 2 * q * cb * v + 1 + q) / (2 * (cg - v * ca));
+    const double u = ((q - 1) * v * v - 2 * q * cb * v + 1 + q) / (2 * (cg - v * ca));
     const double s1_squared = b2 / (1 + v * v - 2 * v * cb);
     if (!(v > 0) || !(u > 0) || !(s1_squared > 0) || !std::isfinite(u)) continue;
     const double s1 = std::sqrt(s1_squared);
-    const Eigen::Matrix3d in_cam =
-        rays * Eigen::Vector3d(s1, u * s1, v * s1).asDiagonal();
+    const Eigen::Matrix3d in_cam = rays * Eigen::Vector3d(s1, u * s1, v * s1).asDiagonal();
     poses.push_back(FitRigid3(in_cam.transpose(), points_mm.transpose()));
   }
   return poses;
@@ -72,8 +70,7 @@ std::vector<Rigid3> SolveWeakPerspective(const Eigen::Matrix3d& points_mm,
     return 2 * (a * b + b * c + c * a) - (a * a + b * b + c * c);
   };
   const double a = heron(r01, r02, r12), c = heron(d01, d02, d12);
-  const double b =
-      d01 * (-r01 + r02 + r12) + d02 * (r01 - r02 + r12) + d12 * (r01 + r02 - r12);
+  const double b = d01 * (-r01 + r02 + r12) + d02 * (r01 - r02 + r12) + d12 * (r01 + r02 - r12);
   const double root = b * b - a * c;
   if (!(a > 1e-8 * r01 * r02) || !(b > 0) || !(root >= 0)) return {};
   const double scale2 = (b + std::sqrt(root)) / a, scale = std::sqrt(scale2);

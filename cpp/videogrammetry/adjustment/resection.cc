@@ -16,7 +16,7 @@ namespace videogrammetry {
 namespace {
 
 constexpr double kDistinctRad = 0.035;  // 2 degrees
-constexpr std::size_t kRefined = 6;     // best poses of the sampling that are refined
+constexpr std::size_t kRefined = 3;     // best poses of the sampling that are refined
 
 double AngleBetween(const Rigid3& a, const Rigid3& b) {
   return VectorFromRotation(a.rotation * b.rotation.transpose()).norm();
@@ -34,8 +34,8 @@ PoseCandidate Judge(const Rigid3& pose, const Eigen::Ref<const Points3d>& points
                     const Eigen::Ref<const Points2d>& ideal_px, double f_px, double threshold_px) {
   PoseCandidate candidate{pose, 0.0, 0};
   for (Eigen::Index i = 0; i < points_mm.rows(); ++i) {
-    const double e = Distance(pose, f_px, points_mm.row(i).transpose(),
-                              ideal_px.row(i).transpose());
+    const double e =
+        Distance(pose, f_px, points_mm.row(i).transpose(), ideal_px.row(i).transpose());
     candidate.inliers += e < threshold_px;
     candidate.cost_px2 += std::min(e * e, threshold_px * threshold_px);
   }
@@ -80,8 +80,7 @@ NormalSystem BuildSystem(const Eigen::Ref<const Points3d>& points_mm,
       continue;
     }
     const double z = 1 / p.z();
-    const Eigen::Vector2d e =
-        ideal_px.row(i).transpose() - f_px * z * p.head<2>();
+    const Eigen::Vector2d e = ideal_px.row(i).transpose() - f_px * z * p.head<2>();
     const double ratio = e.squaredNorm() / s2;
     system.loss += s2 * std::log1p(ratio);
     ++system.count;
@@ -131,7 +130,12 @@ std::vector<PoseCandidate> Sample(const Eigen::Ref<const Points3d>& points_mm,
                                   const ResectionOptions& options) {
   std::mt19937 random(options.seed);
   std::vector<PoseCandidate> found;
+  int most_inliers = 0;
   for (int i = 0; i < options.num_samples; ++i) {
+    // Enough when a triple without a wrong number is missing with 1e-6 only;
+    // never fewer than a dozen, so that the mirrored pose shows up too.
+    const double share = static_cast<double>(most_inliers) / static_cast<double>(points_mm.rows());
+    if (i >= 12 && std::pow(1.0 - share * share * share, i) < 1e-6) break;
     const auto triple = DrawTriple(ideal_px, &random);
     Eigen::Matrix3d points, rays;
     Eigen::Matrix<double, 2, 3> pictures;
@@ -142,6 +146,7 @@ std::vector<PoseCandidate> Sample(const Eigen::Ref<const Points3d>& points_mm,
     }
     for (const Rigid3& pose : SolveP3P(points, rays)) {
       found.push_back(Judge(pose, points_mm, ideal_px, f_px, options.threshold_px));
+      most_inliers = std::max(most_inliers, found.back().inliers);
     }
     for (const Rigid3& pose : SolveWeakPerspective(points, pictures, f_px)) {
       found.push_back(Judge(pose, points_mm, ideal_px, f_px, options.threshold_px));
@@ -217,10 +222,11 @@ std::vector<PoseCandidate> Resect(const Camera& camera, const Eigen::Ref<const P
   const std::size_t sampled = starts.size();
   for (std::size_t i = 0; i < sampled + std::min<std::size_t>(sampled, 1); ++i) {
     // After the sampled poses, the best one's flipped twin.
-    Rigid3 pose = i < sampled ? starts[i].cam_from_object
-                              : FlippedPose(std::min_element(refined.begin(), refined.end(), Better)
-                                                ->cam_from_object,
-                                            centre, normal);
+    Rigid3 pose =
+        i < sampled
+            ? starts[i].cam_from_object
+            : FlippedPose(std::min_element(refined.begin(), refined.end(), Better)->cam_from_object,
+                          centre, normal);
     const bool ok = RefinePose(points_mm, ideal, f, 0.5 * options.threshold_px, &pose) &&
                     RefinePose(points_mm, ideal, f, 0.1 * options.threshold_px, &pose);
     if (ok || i == 0) {

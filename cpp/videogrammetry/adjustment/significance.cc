@@ -50,6 +50,26 @@ bool HigherRadialStays(const Estimates& e, std::size_t i) {
   return false;
 }
 
+/// Sets what is dropped to its start value, the other unknowns follow.
+void HoldAtStart(Network* network, const Dispersion& dispersion,
+                 const std::vector<DroppedParameter>& dropped) {
+  std::vector<int> which;
+  Eigen::VectorXd change(static_cast<Eigen::Index>(dropped.size()));
+  for (const DroppedParameter& d : dropped) {
+    const NetworkCamera& camera = network->cameras[d.camera];
+    change[static_cast<Eigen::Index>(which.size())] =
+        camera.start[d.parameter] - camera.camera.interior[d.parameter];
+    which.push_back(dispersion.index().interior[d.camera][d.parameter]);
+  }
+  if (which.empty()) return;
+  dispersion.ApplyCondition(which, change, network);
+  for (const DroppedParameter& d : dropped) {
+    NetworkCamera& camera = network->cameras[d.camera];
+    camera.free[d.parameter] = false;
+    camera.camera.interior[d.parameter] = camera.start[d.parameter];
+  }
+}
+
 }  // namespace
 
 std::vector<DroppedParameter> DropInsignificant(
@@ -80,13 +100,7 @@ std::vector<DroppedParameter> DropInsignificant(
     e.cov -= q * q.transpose() / q_jj;
     e.out[weakest] = true;
   }
-  for (std::size_t i = 0; i < e.out.size(); ++i) {
-    NetworkCamera& camera = network->cameras[e.camera[i]];
-    const int k = e.parameter[i];
-    if (e.out[i]) camera.free[k] = false;
-    camera.camera.interior[k] =
-        e.out[i] ? camera.start[k] : camera.start[k] + e.value[static_cast<Eigen::Index>(i)];
-  }
+  HoldAtStart(network, dispersion, dropped);
   return dropped;
 }
 
@@ -94,18 +108,22 @@ std::vector<DroppedParameter> HoldUndetermined(Network* network, const Dispersio
                                                double sigma0) {
   std::vector<DroppedParameter> held;
   for (std::size_t c = 0; c < network->cameras.size(); ++c) {
-    NetworkCamera& camera = network->cameras[c];
+    const NetworkCamera& camera = network->cameras[c];
+    const double side = std::max(camera.camera.width_px, camera.camera.height_px);
+    DroppedParameter worst;
+    double largest = 1.0;
     for (const int k : {kF, kX0, kY0}) {
       const int u = dispersion.index().interior[c][k];
       if (u < 0) continue;
       const double sigma = sigma0 * std::sqrt(dispersion.cov_reduced()(u, u));
-      const double side = std::max(camera.camera.width_px, camera.camera.height_px);
-      if (sigma <= (k == kF ? 0.1 * camera.camera.f_px() : 0.25 * side)) continue;
-      held.push_back({static_cast<int>(c), k, camera.camera.interior[k], sigma, true});
-      camera.free[k] = false;
-      camera.camera.interior[k] = camera.start[k];
+      const double ratio = sigma / (k == kF ? 0.1 * camera.camera.f_px() : 0.25 * side);
+      if (ratio <= largest) continue;
+      largest = ratio;
+      worst = {static_cast<int>(c), k, camera.camera.interior[k], sigma, true};
     }
+    if (worst.undetermined) held.push_back(worst);
   }
+  HoldAtStart(network, dispersion, held);
   return held;
 }
 

@@ -29,7 +29,7 @@ struct DroppedParameter {
 ///
 /// @param offered  per camera, which parameters may be dropped (never f, x0, y0).
 /// @param sigma0   a-posteriori factor on the dispersion.
-/// @return what was dropped; `network` holds them at their start values, the
+/// @return what was dropped; `network` holds them at their start values, and
 ///     other values are the linear update's.
 std::vector<DroppedParameter> DropInsignificant(
     Network* network, const Dispersion& dispersion,
@@ -38,7 +38,8 @@ std::vector<DroppedParameter> DropInsignificant(
 
 /// f, x0 and y0 whose standard deviation exceeds what a camera's construction
 /// leaves open (f: 10 % of itself; x0, y0: a quarter of the picture's larger
-/// side) are not determined: they are set to their start value and held.
+/// side) are not determined: the worst of each camera is set to its start value
+/// and held.
 std::vector<DroppedParameter> HoldUndetermined(Network* network, const Dispersion& dispersion,
                                                double sigma0);
 

@@ -139,7 +139,8 @@ class Network:
     >>> pose = network.add_pose("stage 1", np.eye(3), [0.1, 0.0, 99.0])
     >>> image = network.add_image("left_1", cam, inner=pose)
     >>> network.set_points(np.arange(4), points)
-    >>> network.set_observations(np.zeros(4), np.arange(4), pixels, np.tile([1e-4, 0, 1e-4], (4, 1)))
+    >>> cov = np.tile([1e-4, 0, 1e-4], (4, 1))
+    >>> network.set_observations(np.zeros(4), np.arange(4), pixels, cov)
     >>> result = network.adjust(AdjustOptions(critical_value=0))
     >>> network.pose(pose)[1].round(6).tolist(), result.redundancy
     ([0.0, 0.0, 100.0], 2)
@@ -159,7 +160,7 @@ class Network:
         start: npt.ArrayLike | None = None,
         floor_px: float = 0.0,
     ) -> int:
-        """Add a camera; ``start`` is what a held or observed parameter's value is (its interior)."""
+        """Add a camera; ``start``: values of held or observed parameters (its interior)."""
         prior = np.zeros(len(INTERIOR_NAMES))
         for key, sigma in (prior_sigma or {}).items():
             prior[INTERIOR_NAMES.index(key)] = sigma
@@ -172,7 +173,12 @@ class Network:
         return index
 
     def add_pose(
-        self, name: str, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike, *, free: bool = True
+        self,
+        name: str,
+        rotation: npt.ArrayLike,
+        translation_mm: npt.ArrayLike,
+        *,
+        free: bool = True,
     ) -> int:
         """Add a rigid motion, estimated or held."""
         index: int = self._network.add_pose(
@@ -289,13 +295,19 @@ class Network:
         return Adjustment(
             **{name: getattr(result, name) for name in _COPIED},
             cameras=tuple(
-                CameraVariance(factor=c.factor, redundancy=c.redundancy, rms_px=c.rms_px,
-                               count=c.count)
+                CameraVariance(
+                    factor=c.factor, redundancy=c.redundancy, rms_px=c.rms_px, count=c.count
+                )
                 for c in result.cameras
             ),
             dropped=tuple(
-                DroppedParameter(camera=d.camera, name=INTERIOR_NAMES[d.parameter], value=d.value,
-                                 sigma=d.sigma, undetermined=d.undetermined)
+                DroppedParameter(
+                    camera=d.camera,
+                    name=INTERIOR_NAMES[d.parameter],
+                    value=d.value,
+                    sigma=d.sigma,
+                    undetermined=d.undetermined,
+                )
                 for d in result.dropped
             ),
             residual_px=statistics["residual_px"],

@@ -91,7 +91,11 @@ def resect(
     mirrored twin fits as well. Empty if no pose has four inliers.
     """
     found = _adjustment.resect(
-        camera, rows(points_mm, 3, "points_mm"), rows(pixels, 2, "pixels"), threshold_px, num_samples
+        camera,
+        rows(points_mm, 3, "points_mm"),
+        rows(pixels, 2, "pixels"),
+        threshold_px,
+        num_samples,
     )
     return [
         PoseCandidate(rotation=r, translation_mm=t, cost_px2=cost, inliers=inliers)

@@ -88,13 +88,9 @@ def joint_bundle(
     network = Network()
     bundle = Bundle(network=network, camera_of=list(range(len(cameras))), outer=[])
     for index, (camera, start) in enumerate(zip(cameras, starts, strict=True)):
-        network.add_camera(
-            camera.name, start.model, free=offered_names(camera), start=start.held
-        )
+        network.add_camera(camera.name, start.model, free=offered_names(camera), start=start.held)
         # The reference's pose is the frame itself.
-        bundle.outer.append(
-            network.add_pose(camera.name, *cam_from_rig[index], free=index > 0)
-        )
+        bundle.outer.append(network.add_pose(camera.name, *cam_from_rig[index], free=index > 0))
     for stage, pose in sorted(rig_from_target.items()):
         bundle.stage_pose[stage] = network.add_pose(f"stage {stage}", *pose)
     for picture in pictures:
@@ -149,8 +145,11 @@ def observation_rejections(
             residual = rms_px(adjustment.residual_px[images == image])
             rejected.append(
                 Rejection(
-                    kind="image", camera=names[picture.camera], image=picture.image,
-                    point_id=None, value=residual,
+                    kind="image",
+                    camera=names[picture.camera],
+                    image=picture.image,
+                    point_id=None,
+                    value=residual,
                     reason=f"{out.sum()} of its {len(picture)} points do not fit the other "
                     f"pictures (RMS {residual:.2f} px): not synchronous, moved, or badly read",
                 )  # fmt: skip
@@ -161,8 +160,11 @@ def observation_rejections(
         w = float(np.abs(adjustment.normalised[i]).max())
         rejected.append(
             Rejection(
-                kind="observation", camera=names[picture.camera], image=picture.image,
-                point_id=int(target.id[points[i]]), value=w,
+                kind="observation",
+                camera=names[picture.camera],
+                image=picture.image,
+                point_id=int(target.id[points[i]]),
+                value=w,
                 reason=f"normalised residual {w:.1f} ({residual:.2f} px)",
             )  # fmt: skip
         )
@@ -188,7 +190,13 @@ def dropped_rejections(
             "not significant"
         )
         rejected.append(
-            Rejection(kind="parameter", camera=names[camera_of[d.camera]], image="",
-                      point_id=None, value=float(ratio), reason=reason)
+            Rejection(
+                kind="parameter",
+                camera=names[camera_of[d.camera]],
+                image="",
+                point_id=None,
+                value=float(ratio),
+                reason=reason,
+            )
         )
     return rejected

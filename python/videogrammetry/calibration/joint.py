@@ -28,7 +28,13 @@ def calibrate_joint(
 ) -> Outcome:
     """Adjust all cameras together (the paper's Eq. 4, with observed target coordinates)."""
     bundle = joint_bundle(
-        cameras, starts, pictures.pictures, rig.cam_from_rig, rig.rig_from_target, target, target_cov
+        cameras,
+        starts,
+        pictures.pictures,
+        rig.cam_from_rig,
+        rig.rig_from_target,
+        target,
+        target_cov,
     )
     f_given = [start.f_given for start in starts]
     solution = solve(bundle, cameras, f_given, target, options)

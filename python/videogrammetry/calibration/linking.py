@@ -82,9 +82,7 @@ def link_cameras(
         p, c = -placed, -loose
         base = cam_from_rig[p]
         assert base is not None
-        cam_from_rig[c] = compose(
-            _relative_pose((names[c], names[p]), starts[c], starts[p]), base
-        )
+        cam_from_rig[c] = compose(_relative_pose((names[c], names[p]), starts[c], starts[p]), base)
     cams = [pose for pose in cam_from_rig if pose is not None]
     rig_from_target: dict[int, Rigid] = {}
     doubtful: dict[int, Rigid] = {}
@@ -96,14 +94,17 @@ def link_cameras(
         rig_from_target[stage] = best
         if twin is not None:
             doubtful[stage] = twin
-        for p in seen:
-            start = starts[p.camera]
-            misfit = _misfit_px(start, compose(cams[p.camera], best), p, target)
+        for picture in seen:
+            start = starts[picture.camera]
+            misfit = _misfit_px(start, compose(cams[picture.camera], best), picture, target)
             if misfit > MISFIT_GATES * start.gate_px:
-                dropped.add((p.camera, stage))
+                dropped.add((picture.camera, stage))
                 rejected.append(
                     Rejection(
-                        kind="image", camera=names[p.camera], image=p.image, point_id=None,
+                        kind="image",
+                        camera=names[picture.camera],
+                        image=picture.image,
+                        point_id=None,
                         value=misfit,
                         reason=f"disagrees with the other cameras' pictures of stage {stage} by "
                         f"about {misfit:.0f} px: not synchronous, or the camera moved",
@@ -122,9 +123,7 @@ def _raise_unlinked(
     outside = [n for n, is_in in zip(names, placed, strict=True) if not is_in]
     camera = names.index(outside[0])
     own = sorted(starts[camera].poses)
-    theirs = sorted(
-        set().union(*(starts[i].poses for i, is_in in enumerate(placed) if is_in))
-    )
+    theirs = sorted(set().union(*(starts[i].poses for i, is_in in enumerate(placed) if is_in)))
     nearest = min(((abs(a - b), a, b) for a in own for b in theirs), default=None)
     hint = f" (its stage {nearest[1]}, theirs {nearest[2]} is the nearest)" if nearest else ""
     raise CalibrationError(
@@ -155,9 +154,7 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
     return result
 
 
-def _relative_pose(
-    names: tuple[str, str], camera: CameraStart, other: CameraStart
-) -> Rigid:
+def _relative_pose(names: tuple[str, str], camera: CameraStart, other: CameraStart) -> Rigid:
     """camera_from_other: consensus over the shared stages and their candidates.
 
     Raises
@@ -234,7 +231,9 @@ def _stage_pose(
 
 def _distances(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> FloatArray:
     in_cam = target.position_mm[picture.point] @ pose[0].T + pose[1]
-    return np.linalg.norm(project(start.model, in_cam) - picture.xy_px, axis=1)
+    difference = project(start.model, in_cam) - picture.xy_px
+    result: FloatArray = np.sqrt(np.sum(difference**2, axis=1))
+    return result
 
 
 def _misfit_px(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> float:

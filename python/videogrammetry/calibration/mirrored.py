@@ -16,9 +16,7 @@ from videogrammetry.types import RigCamera
 UNDECIDED_CHI2 = 10.8
 
 
-def settle_doubtful(
-    solution: Solution, doubtful: Mapping[int, Rigid]
-) -> tuple[bool, list[str]]:
+def settle_doubtful(solution: Solution, doubtful: Mapping[int, Rigid]) -> tuple[bool, list[str]]:
     """Refine the twin pose of every doubtful stage against the adjusted cameras.
 
     A twin that fits better replaces the pose (then True: adjust again); one

@@ -125,9 +125,7 @@ def collect_pictures(cameras: Sequence[CameraFrames], target: PointSet) -> Pictu
             f"{unknown} of {coded} numbers read are not in the target's point list and are left "
             f"out: {', '.join(map(str, numbers[:12]))}{' ...' if len(numbers) > 12 else ''}"
         )
-    return Pictures(
-        pictures=tuple(pictures), rejected=tuple(rejected), warnings=tuple(warnings)
-    )
+    return Pictures(pictures=tuple(pictures), rejected=tuple(rejected), warnings=tuple(warnings))
 
 
 def _sort_frame(
@@ -150,14 +148,25 @@ def _sort_frame(
         point_id = int(number[i])
         if point_id not in row_of:
             rejected.append(
-                Rejection(kind="unknown-target", camera=name, image=frame.image,
-                          point_id=point_id, value=float(point_id),
-                          reason=f"number {point_id} is not in the target's point list")
+                Rejection(
+                    kind="unknown-target",
+                    camera=name,
+                    image=frame.image,
+                    point_id=point_id,
+                    value=float(point_id),
+                    reason=f"number {point_id} is not in the target's point list",
+                )
             )
         elif point_id in twice:
             rejected.append(
-                Rejection(kind="target", camera=name, image=frame.image, point_id=point_id,
-                          value=2.0, reason=f"number {point_id} was read at several places")
+                Rejection(
+                    kind="target",
+                    camera=name,
+                    image=frame.image,
+                    point_id=point_id,
+                    value=2.0,
+                    reason=f"number {point_id} was read at several places",
+                )
             )
         else:
             rows.append(row_of[point_id])

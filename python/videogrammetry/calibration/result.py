@@ -49,7 +49,8 @@ class Outcome:
     position_mm: FloatArray
     point_cov_mm2: FloatArray | None
     rejected: Sequence[Rejection] = ()
-    warnings: Sequence[str] = field(default_factory=list)
+    warnings: Sequence[str] = ()
+    statistics: Mapping[str, Any] = field(default_factory=dict)
 
 
 def calibration_run(
@@ -65,9 +66,7 @@ def calibration_run(
     names = tuple(camera.name for camera in cameras)
     table = observation_table(outcome.solutions, target)
     used = table.used
-    of = {
-        name: used & (table.camera == index) for index, name in enumerate(names)
-    }
+    of = {name: used & (table.camera == index) for index, name in enumerate(names)}
     adjustments = [s.adjustment for s in outcome.solutions]
     redundancy = sum(a.redundancy for a in adjustments)
     squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
@@ -76,7 +75,7 @@ def calibration_run(
         "method": options.method, "options": asdict(options), "sigma0": sigma0,
         "redundancy": redundancy, "unknowns": sum(a.num_unknowns for a in adjustments),
         "image_coordinates": sum(a.num_observations for a in adjustments),
-        "rms_px": rms_px(table.residual_px[used]),
+        "rms_px": rms_px(table.residual_px[used]), **outcome.statistics,
     }  # fmt: skip
     kept = {
         names[camera]: s.bundle.network.free(index)

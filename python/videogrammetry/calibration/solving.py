@@ -66,8 +66,7 @@ def solve(
             bundle, base, adjustment, dispersion, target, options.critical_value
         )
         if all(
-            np.array_equal(a.point, b.point)
-            for a, b in zip(pictures, bundle.pictures, strict=True)
+            np.array_equal(a.point, b.point) for a, b in zip(pictures, bundle.pictures, strict=True)
         ):
             break
         _exchange_pictures(bundle, pictures, adjustment, base)
@@ -105,11 +104,6 @@ def _check(
     cameras: Sequence[CameraFrames],
     f_given: Sequence[bool],
 ) -> None:
-    if not adjustment.converged:
-        raise CalibrationError(
-            f"the adjustment does not converge ({adjustment.message.strip()}); free fewer "
-            "interior parameters, or give start values of f"
-        )
     for d in adjustment.dropped:
         camera = bundle.camera_of[d.camera]
         if d.undetermined and d.name == "f" and not f_given[camera]:
@@ -119,6 +113,11 @@ def _check(
                 "by 30 degrees and more in some pictures, bring it nearer, or give f_px as start "
                 "value and leave f out of free"
             )
+    if not adjustment.converged:
+        raise CalibrationError(
+            f"the adjustment does not converge ({adjustment.message.strip()}); free fewer "
+            "interior parameters, or give start values of f"
+        )
     images = bundle.image_of
     camera_of_image = np.array([p.camera for p in bundle.pictures])
     for camera in bundle.camera_of:
@@ -145,15 +144,18 @@ def _check_facing(bundle: Bundle, adjustment: Adjustment, target: PointSet) -> N
     )
     if facing.size and facing.mean() < 0.5:
         raise CalibrationError(
-            f"{1 - facing.mean():.0%} of the points are seen from behind their normals: the target's "
-            "coordinates or normals are mirrored; change the sign of one coordinate"
+            f"{1 - facing.mean():.0%} of the points are seen from behind their normals: the "
+            "target's coordinates or normals are mirrored; change the sign of one coordinate"
         )
 
 
-def _doubts(
-    bundle: Bundle, adjustment: Adjustment, cameras: Sequence[CameraFrames]
-) -> list[str]:
+def _doubts(bundle: Bundle, adjustment: Adjustment, cameras: Sequence[CameraFrames]) -> list[str]:
     warnings = []
+    if adjustment.rounds >= AdjustOptions.max_rounds:
+        warnings.append(
+            f"weights and rejections still changed after {adjustment.rounds} adjustments; the last "
+            "ones stand"
+        )
     if adjustment.point_redundancy > 10 and adjustment.point_factor > 2.0:
         warnings.append(
             f"the target's points deviate {np.sqrt(adjustment.point_factor):.1f} times as much as "

@@ -22,7 +22,7 @@ from videogrammetry.geometry import camera_model, default_r0_px
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet, RigCamera
 
 #: Pictures that the search for f looks at: enough to vote down a bad one.
-MAX_SEARCH_PICTURES = 6
+MAX_SEARCH_PICTURES = 4
 #: Share of the picture's diagonal beyond which a point counts as a wrong number
 #: while lens distortion is not yet modelled.
 START_GATE = 0.01
@@ -100,12 +100,17 @@ def start_camera(
         if picture.stage not in poses:
             rejected.append(
                 Rejection(
-                    kind="image", camera=camera.name, image=picture.image, point_id=None,
+                    kind="image",
+                    camera=camera.name,
+                    image=picture.image,
+                    point_id=None,
                     value=float(len(picture)),
                     reason=f"no pose fits half of its {len(picture)} points within "
                     f"{gate_px:.1f} px: wrong numbers or another target",
                 )  # fmt: skip
             )
+    if not f_given:
+        held[0] = model.interior[0]
     if not poses:
         raise CalibrationError(
             f"camera {camera.name}: no picture's points fit the target within {gate_px:.1f} px; "
@@ -125,8 +130,14 @@ def _enough(picture: Picture, target: PointSet, name: str, rejected: list[Reject
         reason = "its known points lie along one line; a pose needs an area"
     if reason:
         rejected.append(
-            Rejection(kind="image", camera=name, image=picture.image, point_id=None,
-                      value=float(len(picture)), reason=reason)
+            Rejection(
+                kind="image",
+                camera=name,
+                image=picture.image,
+                point_id=None,
+                value=float(len(picture)),
+                reason=reason,
+            )
         )
     return not reason
 

@@ -106,9 +106,7 @@ def _largest_variance(cov: FloatArray) -> FloatArray:
     return result
 
 
-def faces(
-    bundle: Bundle, image: int, points: IntArray, target: PointSet
-) -> npt.NDArray[np.bool_]:
+def faces(bundle: Bundle, image: int, points: IntArray, target: PointSet) -> npt.NDArray[np.bool_]:
     """Whether points with a known normal turn towards the camera (True without normals)."""
     if target.normal is None:
         return np.ones(len(points), bool)

@@ -91,12 +91,23 @@ def make_scene(
             xy = xy + rng.normal(0, noise_px, xy.shape)
             cov = np.tile([sigma**2, 0.0, sigma**2], (int(inside.sum()), 1))
             frames.append(
-                FrameTargets(stage=stage, image=f"{name}_{stage:02d}", id=ids[inside],
-                             xy_px=xy[inside], cov_px2=cov)
+                FrameTargets(
+                    stage=stage,
+                    image=f"{name}_{stage:02d}",
+                    id=ids[inside],
+                    xy_px=xy[inside],
+                    cov_px2=cov,
+                )
             )
         scene.frames.append(
-            CameraFrames(name=name, image_size_px=image_size_px, frames=frames, free=free,
-                         start=start or {}, r0_px=400.0)
+            CameraFrames(
+                name=name,
+                image_size_px=image_size_px,
+                frames=frames,
+                free=free,
+                start=start or {},
+                r0_px=400.0,
+            )
         )
     return scene
 

@@ -107,8 +107,9 @@ def test_calibrate_and_measure_rendered_arrays(cameras, seed):
 
     table = result.trajectories
     measured = np.isfinite(table.position_mm[..., 0])
-    # Two cameras may leave a target between two partners: named, never guessed.
-    assert measured.mean() > (0.95 if cameras == 2 else 0.999)
+    # The uneven board is no surface: two cameras may leave a target between two
+    # partners, which is named and never guessed.
+    assert measured.mean() > (0.9 if cameras == 2 else 0.999)
     assert set(ids[ids < 517].tolist()) <= set(table.point_id.tolist())
     assert sorted(i for i in table.point_id.tolist() if i > 516) == list(range(517, 517 + LOOSE))
 

@@ -82,7 +82,7 @@ def match_stage(
     core_options = _matching.MatchingOptions()
     for field in fields(options):
         setattr(core_options, field.name, getattr(options, field.name))
-    extra = extra_cov_px2 if extra_cov_px2 is not None else [0.0] * len(targets)
+    extra = extra_cov_px2 if extra_cov_px2 is not None else [np.zeros(3)] * len(targets)
     cameras = [
         _matching.CameraTargets(
             np.ascontiguousarray(t.centre_px),

@@ -339,7 +339,7 @@ def _records(
 
 def _picture_rows(
     result: StageResult, numbers: IntArray, stage: int, camera: int
-) -> dict[str, FloatArray | IntArray]:
+) -> dict[str, npt.NDArray[Any]]:
     targets = result.targets[camera]
     n = len(targets)
     point_id = np.full(n, -1, dtype=np.int32)

@@ -58,7 +58,7 @@ class _Canvas:
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """x, y in the drawing and depth (larger = farther)."""
-        flat = np.atleast_2d(points) @ self._view.T
+        flat: FloatArray = np.atleast_2d(points) @ self._view.T
         flat[:, :2] = self.scale * flat[:, :2] + self._shift
         return flat
 

@@ -93,8 +93,8 @@ class _Linker:
         # points outwards.
         for _ in range(_MAX_ROUNDS):
             links = self._assign(now, self._predict(now))
-            for row, number in links:
-                now.id[row] = number
+            for linked, number in links:
+                now.id[linked] = number
             if not links:
                 break
         for row in loose:
@@ -183,9 +183,10 @@ class _Linker:
         # confused with the predicted one.
         for cloud in (predicted.position_mm, positions):
             if len(cloud) > 1:
-                spacing, _ = cKDTree(cloud).query(predicted.position_mm, k=2)
+                spacing = np.asarray(cKDTree(cloud).query(predicted.position_mm, k=2)[0])
                 limit = np.minimum(limit, share * spacing[:, 1])
-        return np.fmin(predicted.gate_mm, limit)
+        gate: FloatArray = np.fmin(predicted.gate_mm, limit)
+        return gate
 
 
 def link_stages(

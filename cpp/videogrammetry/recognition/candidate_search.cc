@@ -10,6 +10,11 @@
 namespace videogrammetry {
 namespace {
 
+/// A chord's smaller contrast to one side over that to the other.
+constexpr double kLeastBalance = 0.5;
+/// Range of the grey values in a chord's middle half over its contrast.
+constexpr double kMostUneven = 0.6;
+
 /// A run of pixels in a row whose gradient exceeds the threshold with one sign.
 struct EdgeRun {
   int first = 0;
@@ -124,10 +129,22 @@ class CandidateSearch {
     if (right - left < 0.6 * min_diameter_ || right - left > max_diameter_ + 1) return std::nullopt;
     const int margin = (right - left) / 4;
     std::int64_t sum = 0;
-    for (int x = left + margin; x <= right - margin; ++x) sum += image_(x, y);
+    int lowest = image_(left + margin, y), highest = lowest;
+    for (int x = left + margin; x <= right - margin; ++x) {
+      const int value = image_(x, y);
+      sum += value;
+      lowest = std::min(lowest, value);
+      highest = std::max(highest, value);
+    }
     const int inside = static_cast<int>(sum / (right - left - 2 * margin + 1));
-    const int outside = std::max(Outside(y, left, -1), Outside(y, right, 1));
-    if (inside - outside < threshold_) return std::nullopt;
+    const int left_outside = Outside(y, left, -1), right_outside = Outside(y, right, 1);
+    const int outside = std::max(left_outside, right_outside);
+    const int contrast = inside - std::min(left_outside, right_outside);
+    // Even inside, and much the same ground on both sides: not so in texture.
+    if (inside - outside < std::max<double>(threshold_, kLeastBalance * contrast) ||
+        highest - lowest > kMostUneven * contrast) {
+      return std::nullopt;
+    }
     Chord chord;
     chord.inside = inside;
     chord.level = outside + (inside - outside + 1) / 2;

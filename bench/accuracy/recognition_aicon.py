@@ -18,7 +18,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
 from videogrammetry.recognition import recognize
 
 OFF_PANEL = (72, 73, 74)
@@ -124,8 +123,10 @@ def main():
     if not folder.is_dir():
         sys.exit(f"{folder} is not there: give --data or set VIDEOGRAMMETRY_DATA")
     reference, points = read_reference(folder), read_points(folder)
-    print("picture        ms  targets  coded: ref same  RMS px  wrong  extra"
-          "  un-coded: found of in view  elsewhere")
+    print(
+        "picture        ms  targets  coded: ref same  RMS px  wrong  extra"
+        "  un-coded: found of in view  elsewhere"
+    )
     rows = []
     for path in sorted(folder.glob("*.tif")):
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
 from videogrammetry.recognition import recognize
 
 NOISE = ("S150", "S75", "S75_8bit", "S32", "S13")
@@ -66,7 +65,7 @@ def judge(image, truth, show):
         "squares": (error**2).mean(axis=1),
         "sigma": targets.sigma_px[hit].mean(axis=1),
         "chi": ((error / targets.sigma_px[hit]) ** 2).mean(axis=1),
-        "axes": ((targets.semi_axes_px[hit] - axes[found])).mean(axis=1),
+        "axes": (targets.semi_axes_px[hit] - axes[found]).mean(axis=1),
     }
 
 
@@ -79,7 +78,9 @@ def main():
     folder = args.data / "rendered-targets"
     if not folder.is_dir():
         sys.exit(f"{folder} is not there: give --data or set VIDEOGRAMMETRY_DATA")
-    print("noise     found of   IDs read of  wrong  false   RMS px  edge rays   sigma   chi  axis bias")
+    print(
+        "noise     found of   IDs read of  wrong  false   RMS px  edge rays   sigma   chi  axis bias"
+    )
     for noise in NOISE:
         rows = []
         for frame in range(3):

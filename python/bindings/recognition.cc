@@ -56,7 +56,8 @@ py::dict ToArrays(const std::vector<Target>& targets) {
   py::dict out;
   out["centre_px"] = center;
   out["semi_axes_px"] = axes;
-  out["angle_rad"] = Column<double>(targets, [](const Target& t) { return t.edge.ellipse.angle_rad; });
+  out["angle_rad"] =
+      Column<double>(targets, [](const Target& t) { return t.edge.ellipse.angle_rad; });
   out["id"] = Column<std::int32_t>(targets, [](const Target& t) { return t.ring.id.value_or(-1); });
   out["cov"] = cov;
   out["edge_rms_px"] = Column<double>(targets, [](const Target& t) { return t.edge.edge_rms_px; });
@@ -115,12 +116,11 @@ void BindRecognition(py::module_& parent) {
            "white_on_black"_a = true, "diameter_px"_a = defaults.diameter_px,
            "method"_a = defaults.method)
       .def_readonly("codes", &RecognitionOptions::codes)
-      .def_property_readonly("direction",
-                             [](const RecognitionOptions& o) {
-                               return o.direction == ReadingDirection::kClockwise
-                                          ? "clockwise"
-                                          : "counter-clockwise";
-                             })
+      .def_property_readonly(
+          "direction",
+          [](const RecognitionOptions& o) {
+            return o.direction == ReadingDirection::kClockwise ? "clockwise" : "counter-clockwise";
+          })
       .def_property_readonly("polarity",
                              [](const RecognitionOptions& o) {
                                return o.polarity == Polarity::kWhiteOnBlack ? "white-on-black"

@@ -1,4 +1,5 @@
-// Compiled with AVX-512 F, BW, VL and DQ enabled and without fused operations; reached through SelectBilinear alone.
+// Compiled with AVX-512 F, BW, VL and DQ enabled and without fused operations; reached through
+// SelectBilinear alone.
 #include <immintrin.h>
 
 #include "videogrammetry/recognition/bilinear_kernels.h"
@@ -61,13 +62,13 @@ inline void Samples(const T* image, std::ptrdiff_t stride, const float* x, const
 
 }  // namespace
 
-void Avx512Samples8(const std::uint8_t* image, std::ptrdiff_t stride, const float* x, const float* y,
-                  int count, float* out) {
+void Avx512Samples8(const std::uint8_t* image, std::ptrdiff_t stride, const float* x,
+                    const float* y, int count, float* out) {
   Samples(image, stride, x, y, count, out);
 }
 
 void Avx512Samples16(const std::uint16_t* image, std::ptrdiff_t stride, const float* x,
-                   const float* y, int count, float* out) {
+                     const float* y, int count, float* out) {
   Samples(image, stride, x, y, count, out);
 }
 

@@ -3,12 +3,18 @@
 #include <algorithm>
 #include <bit>
 #include <cstdint>
+#include <cstdlib>
 
 #include "videogrammetry/recognition/contour.h"
 #include "videogrammetry/recognition/gradient_mask.h"
 
 namespace videogrammetry {
 namespace {
+
+/// A chord's smaller contrast to one side over that to the other.
+constexpr double kLeastBalance = 0.5;
+/// Mean deviation of the grey values in a chord's middle half over its contrast.
+constexpr double kMostUneven = 0.15;
 
 /// A run of pixels in a row whose gradient exceeds the threshold with one sign.
 struct EdgeRun {
@@ -125,9 +131,20 @@ class CandidateSearch {
     const int margin = (right - left) / 4;
     std::int64_t sum = 0;
     for (int x = left + margin; x <= right - margin; ++x) sum += image_(x, y);
-    const int inside = static_cast<int>(sum / (right - left - 2 * margin + 1));
-    const int outside = std::max(Outside(y, left, -1), Outside(y, right, 1));
-    if (inside - outside < threshold_) return std::nullopt;
+    const int count = right - left - 2 * margin + 1;
+    const int inside = static_cast<int>(sum / count);
+    std::int64_t deviation = 0;
+    for (int x = left + margin; x <= right - margin; ++x) {
+      deviation += std::abs(image_(x, y) - inside);
+    }
+    const int left_outside = Outside(y, left, -1), right_outside = Outside(y, right, 1);
+    const int outside = std::max(left_outside, right_outside);
+    const int contrast = inside - std::min(left_outside, right_outside);
+    // Even inside, and much the same ground on both sides: not so in texture.
+    if (inside - outside < std::max<double>(threshold_, kLeastBalance * contrast) ||
+        static_cast<double>(deviation) > kMostUneven * contrast * count) {
+      return std::nullopt;
+    }
     Chord chord;
     chord.inside = inside;
     chord.level = outside + (inside - outside + 1) / 2;

@@ -122,9 +122,9 @@ CodeFamily MetashapeFamily(int num_bits) {
 }
 
 const std::vector<std::string>& CodeFamilyNames() {
-  static const std::vector<std::string> names = {
-      "none",         "schneider-8",  "schneider-10", "schneider-12", "schneider-14",
-      "schneider-16", "schneider-20", "metashape-12", "metashape-14"};
+  static const std::vector<std::string> names = {"none",         "schneider-8",  "schneider-10",
+                                                 "schneider-12", "schneider-14", "schneider-16",
+                                                 "schneider-20", "metashape-12", "metashape-14"};
   return names;
 }
 

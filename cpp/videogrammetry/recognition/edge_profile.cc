@@ -86,8 +86,7 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
   p.grey.resize(count, p.samples());
   const Eigen::Vector2d reach =
       frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(kProfileStepPx * kProfileInward);
-  const Eigen::Matrix2d next =
-      Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
+  const Eigen::Matrix2d next = Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
   const int samples = p.samples();
   std::vector<float> x(static_cast<std::size_t>(count * samples)), y(x.size());
   Eigen::Vector2d u(1.0, 0.0);
@@ -149,7 +148,8 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
     second += f * d * d;
   }
   if (!(weight > 0)) return std::nullopt;
-  levels.width_px = std::sqrt(std::max(0.01, second / weight - moment * moment / (weight * weight)));
+  levels.width_px =
+      std::sqrt(std::max(0.01, second / weight - moment * moment / (weight * weight)));
   // As much of the plateaus as there is, up to 1.5 px: less noise.
   const float contrast = mean[inner] - mean[outer];
   int first = inner, last = outer;

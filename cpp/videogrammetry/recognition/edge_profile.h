@@ -20,8 +20,8 @@ struct EdgeProfiles {
   std::vector<Eigen::Vector2d> u;  ///< place on the ellipse, see EllipseFrame
   std::vector<float> weight;       ///< length of contour that a profile stands for, mean 1
   double perimeter_px = 0.0;
-  int inward = 0;                  ///< samples on the inner side
-  int outward = 0;                 ///< samples on the outer side
+  int inward = 0;   ///< samples on the inner side
+  int outward = 0;  ///< samples on the outer side
   /// (profiles, inward + 1 + outward): grey value at (k - inward) steps outward.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> grey;
 
@@ -35,14 +35,14 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& ell
 
 /// Where the edge begins and ends, and how high it is at each profile.
 struct EdgeLevels {
-  int inner = 0, outer = 0;     ///< columns of the plateaus on both sides
-  double width_px = 0.0;        ///< standard deviation of the edge's spread
-  Eigen::ArrayXf inside;        ///< grey values of both plateaus at each profile,
-  Eigen::ArrayXf outside;       ///< smooth along the contour
+  int inner = 0, outer = 0;  ///< columns of the plateaus on both sides
+  double width_px = 0.0;     ///< standard deviation of the edge's spread
+  Eigen::ArrayXf inside;     ///< grey values of both plateaus at each profile,
+  Eigen::ArrayXf outside;    ///< smooth along the contour
   /// Variances of the half-way level: of either coefficient of its first
   /// harmonic, and of its mean.
   double gradient_variance = 0.0, mean_variance = 0.0;
-  Eigen::ArrayXf mean_fall;     ///< fall of the mean profile from column k - 1 to k + 1, over 2
+  Eigen::ArrayXf mean_fall;  ///< fall of the mean profile from column k - 1 to k + 1, over 2
 };
 
 /// Reads the levels off the mean of all profiles.

@@ -6,8 +6,8 @@ namespace videogrammetry {
 
 /// What a sample of a picture's pixels says about its grey values.
 struct GreyStatistics {
-  int low = 0;             ///< 0.1 % quantile
-  int high = 0;            ///< 99.9 % quantile
+  int low = 0;              ///< 0.1 % quantile
+  int high = 0;             ///< 99.9 % quantile
   int median_gradient = 0;  ///< median of |I(x+1) - I(x-1)|
 };
 

@@ -31,10 +31,10 @@ class GradientWindow {
       float* gy = &gy_[Index(0, y)];
       float* magnitude = &magnitude_[Index(0, y)];
       for (int x = 0; x < width; ++x) {
-        const int sx = (up[x + 1] - up[x - 1]) + 2 * (mid[x + 1] - mid[x - 1]) +
-                       (down[x + 1] - down[x - 1]);
-        const int sy = (down[x - 1] - up[x - 1]) + 2 * (down[x] - up[x]) +
-                       (down[x + 1] - up[x + 1]);
+        const int sx =
+            (up[x + 1] - up[x - 1]) + 2 * (mid[x + 1] - mid[x - 1]) + (down[x + 1] - down[x - 1]);
+        const int sy =
+            (down[x - 1] - up[x - 1]) + 2 * (down[x] - up[x]) + (down[x + 1] - up[x + 1]);
         gx[x] = scale * static_cast<float>(sx);
         gy[x] = scale * static_cast<float>(sy);
         magnitude[x] = std::sqrt(gx[x] * gx[x] + gy[x] * gy[x]);
@@ -188,14 +188,14 @@ std::vector<EdgePixel> LocalCanny(const SignedImage<T>& image, const Ellipse& el
   // One pixel more for the suppression, and one again for the Sobel sums.
   const int x0 = std::max(1, static_cast<int>(std::floor(ellipse.x_px - reach_x)) - 1);
   const int y0 = std::max(1, static_cast<int>(std::floor(ellipse.y_px - reach_y)) - 1);
-  const int x1 = std::min(image.width() - 2, static_cast<int>(std::ceil(ellipse.x_px + reach_x)) + 1);
+  const int x1 =
+      std::min(image.width() - 2, static_cast<int>(std::ceil(ellipse.x_px + reach_x)) + 1);
   const int y1 =
       std::min(image.height() - 2, static_cast<int>(std::ceil(ellipse.y_px + reach_y)) + 1);
   if (x1 - x0 < 3 || y1 - y0 < 3) return {};
   const GradientWindow window(image, x0, y0, x1 - x0 + 1, y1 - y0 + 1);
   std::vector<float> on_ellipse;
-  const auto ridges =
-      RidgesNearEllipse(window, ellipse, static_cast<float>(band_px), &on_ellipse);
+  const auto ridges = RidgesNearEllipse(window, ellipse, static_cast<float>(band_px), &on_ellipse);
   if (on_ellipse.empty()) return {};
   const auto middle = on_ellipse.begin() + static_cast<std::ptrdiff_t>(on_ellipse.size() / 2);
   std::nth_element(on_ellipse.begin(), middle, on_ellipse.end());

@@ -23,9 +23,8 @@ bool SamePlace(const Ellipse& a, const Ellipse& b) {
 
 /// True for a candidate measured before (found again at another grey level).
 bool IsKnown(const Ellipse& candidate, const std::vector<Target>& targets) {
-  return std::any_of(targets.begin(), targets.end(), [&](const Target& known) {
-    return SamePlace(known.edge.ellipse, candidate);
-  });
+  return std::any_of(targets.begin(), targets.end(),
+                     [&](const Target& known) { return SamePlace(known.edge.ellipse, candidate); });
 }
 
 bool HasRing(const Target& target) {
@@ -43,8 +42,7 @@ void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
     const Eigen::Matrix2d inverse = frame.shape.inverse();
     for (std::size_t i = 0; i < targets->size(); ++i) {
       const Ellipse& e = (*targets)[i].edge.ellipse;
-      const double radius =
-          (inverse * (Eigen::Vector2d(e.x_px, e.y_px) - frame.center)).norm();
+      const double radius = (inverse * (Eigen::Vector2d(e.x_px, e.y_px) - frame.center)).norm();
       piece[i] |= radius > 1.0 && radius < family.ring_outer + 0.2 &&
                   e.semi_minor_px < owner.edge.ellipse.semi_minor_px;
     }
@@ -63,11 +61,9 @@ void ResolveDuplicates(std::vector<Target>* targets) {
   }
   for (auto& [id, same] : places) {
     if (same.size() < 2) continue;
-    std::sort(same.begin(), same.end(), [](const Target* a, const Target* b) {
-      return a->ring.quality > b->ring.quality;
-    });
-    const bool first_is_true =
-        same[0]->ring.quality > same[1]->ring.quality + kClearlyBetter;
+    std::sort(same.begin(), same.end(),
+              [](const Target* a, const Target* b) { return a->ring.quality > b->ring.quality; });
+    const bool first_is_true = same[0]->ring.quality > same[1]->ring.quality + kClearlyBetter;
     for (std::size_t i = first_is_true ? 1 : 0; i < same.size(); ++i) {
       same[i]->ring.id.reset();
       same[i]->ring.status = RingStatus::kDuplicate;

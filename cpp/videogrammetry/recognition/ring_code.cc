@@ -57,7 +57,8 @@ float SectorMean(const std::vector<float>& values, double phase, int k, int per_
 }
 
 double FractionAbove(const std::vector<float>& values, float level) {
-  const auto above = std::count_if(values.begin(), values.end(), [&](float v) { return v > level; });
+  const auto above =
+      std::count_if(values.begin(), values.end(), [&](float v) { return v > level; });
   return static_cast<double>(above) / static_cast<double>(values.size());
 }
 
@@ -108,8 +109,8 @@ bool IsEvenlyLit(const Sectors& s) {
   Eigen::Matrix3d normal = Eigen::Vector3d(0.0, 0.2, 0.2).asDiagonal();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   const auto row_of = [&](std::size_t k) {
-    const double t = 2 * std::numbers::pi * static_cast<double>(k) /
-                     static_cast<double>(s.height.size());
+    const double t =
+        2 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(s.height.size());
     return Eigen::Vector3d(1.0, std::cos(t), std::sin(t));
   };
   for (std::size_t k = 0; k < s.height.size(); ++k) {

@@ -18,8 +18,7 @@ std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& d
   const Eigen::Matrix2d scaled = radius * frame.shape;
   const Eigen::Vector2d reach = scaled.rowwise().norm();
   const double scale = 1.0 / (dot.inside - dot.outside);
-  const Eigen::Matrix2d next =
-      Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
+  const Eigen::Matrix2d next = Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
   Eigen::Vector2d u(1.0, 0.0);
   std::vector<float> x(static_cast<std::size_t>(count)), y(x.size()), values(x.size());
   for (std::size_t k = 0; k < x.size(); ++k, u = next * u) {
@@ -58,9 +57,8 @@ std::optional<RingSamples> SampleRing(const SignedImage<T>& image, const TargetE
   return s;
 }
 
-#define VG_INSTANTIATE(T)                                                                       \
-  template std::vector<float> SampleCircle(const SignedImage<T>&, const TargetEdge&, double,    \
-                                           int);                                                \
+#define VG_INSTANTIATE(T)                                                                          \
+  template std::vector<float> SampleCircle(const SignedImage<T>&, const TargetEdge&, double, int); \
   template std::optional<RingSamples> SampleRing(const SignedImage<T>&, const TargetEdge&, double, \
                                                  double, int);
 VG_INSTANTIATE(std::uint8_t)

@@ -138,8 +138,7 @@ std::optional<Refinement> Refine(const SignedImage<T>& image, const Ellipse& sta
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     const Ellipse now = r.frame.ToEllipse();
     if (!(now.semi_minor_px > 0.4 * options.diameter_px[0]) ||
-        !(now.semi_major_px < 0.6 * options.diameter_px[1]) ||
-        !image.Covers(now.x_px, now.y_px)) {
+        !(now.semi_major_px < 0.6 * options.diameter_px[1]) || !image.Covers(now.x_px, now.y_px)) {
       return std::nullopt;
     }
     r.profiles = SampleProfiles(image, r.frame);
@@ -215,8 +214,9 @@ bool IsFilled(const SignedImage<T>& image, const Refinement& r) {
   const float inside = r.levels.inside.mean(), outside = r.levels.outside.mean();
   const float least = outside + 0.4f * (inside - outside);
   int dark = 0;
-  for (const Eigen::Vector2d& u : {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.4, 0), Eigen::Vector2d(0, 0.4),
-                        Eigen::Vector2d(-0.4, 0), Eigen::Vector2d(0, -0.4)}) {
+  for (const Eigen::Vector2d& u :
+       {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.4, 0), Eigen::Vector2d(0, 0.4),
+        Eigen::Vector2d(-0.4, 0), Eigen::Vector2d(0, -0.4)}) {
     const Eigen::Vector2f p = r.frame.Point(u).cast<float>();
     dark += image.Bilinear(p.x(), p.y()) < least;
   }
@@ -282,8 +282,7 @@ TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& s
 }  // namespace
 
 template <typename T>
-std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
-                                            const Candidate& candidate,
+std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image, const Candidate& candidate,
                                             const RecognitionOptions& options) {
   if (!HasContrastAllAround(image, candidate)) return std::nullopt;
   const auto start = EllipseFromCanny(image, candidate.ellipse);
@@ -291,13 +290,15 @@ std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
   const auto refined = Refine(image, *start, options);
   if (!refined) return std::nullopt;
   const Ellipse e = WithoutBlur(refined->frame.ToEllipse(), refined->levels.width_px);
-  if (2 * e.semi_minor_px < options.diameter_px[0] || 2 * e.semi_major_px > options.diameter_px[1]) {
+  if (2 * e.semi_minor_px < options.diameter_px[0] ||
+      2 * e.semi_major_px > options.diameter_px[1]) {
     return std::nullopt;
   }
   const ResidualSum sum = SumResiduals(*refined);
   if (sum.used < 0.85 * refined->profiles.count()) return std::nullopt;
-  const double independent = std::min<double>(
-      sum.used, refined->profiles.perimeter_px / kCorrelationPx * sum.used / refined->profiles.count());
+  const double independent =
+      std::min<double>(sum.used, refined->profiles.perimeter_px / kCorrelationPx * sum.used /
+                                     refined->profiles.count());
   if (!IsDot(*refined, e, sum, independent) || !IsFilled(image, *refined)) return std::nullopt;
   return Summarise(*refined, e, sum, independent);
 }

@@ -16,7 +16,7 @@ struct TargetEdge {
   double edge_rms_px = 0.0;  ///< of the edge points' distances from the ellipse
   double inside = 0.0;       ///< mean grey values on both sides, with the polarity's sign
   double outside = 0.0;
-  double width_px = 0.0;     ///< standard deviation of the edge's spread
+  double width_px = 0.0;  ///< standard deviation of the edge's spread
 };
 
 /// Measures a candidate's edge: steps 3 to 5 of the local Canny, and the last word on it.
@@ -39,8 +39,7 @@ struct TargetEdge {
 ///
 /// @return nullopt if this is no dot.
 template <typename T>
-std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image,
-                                            const Candidate& candidate,
+std::optional<TargetEdge> MeasureTargetEdge(const SignedImage<T>& image, const Candidate& candidate,
                                             const RecognitionOptions& options);
 
 }  // namespace videogrammetry

@@ -83,8 +83,7 @@ TEST(EllipseFrameTest, JacobiansAreTheDerivatives) {
     ASSERT_TRUE(plus && minus);
     for (int i = 0; i < 7; ++i) {
       const Eigen::Vector2d u(std::cos(i), std::sin(i));
-      const double numeric =
-          frame.Normal(u).dot(plus->Point(u) - minus->Point(u)) / (2 * kStep);
+      const double numeric = frame.Normal(u).dot(plus->Point(u) - minus->Point(u)) / (2 * kStep);
       // Central differences of coordinates of 100 px: 1e-14 * 100 / 1e-6.
       EXPECT_NEAR(frame.NormalJacobian(u)[parameter], numeric, 1e-6);
     }

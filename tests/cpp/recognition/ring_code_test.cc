@@ -101,8 +101,7 @@ TEST(RingCodeTest, StatusSaysWhatIsWrong) {
     }
   }
   EXPECT_EQ(Read(off).status, RingStatus::kEdgesOff);
-  EXPECT_EQ(Read(Ideal(testing::Bits(0b00000000000001, 14), 0.0)).status,
-            RingStatus::kNotInTable);
+  EXPECT_EQ(Read(Ideal(testing::Bits(0b00000000000001, 14), 0.0)).status, RingStatus::kNotInTable);
 }
 
 TEST(RingCodeTest, LightMayFallOffAlongTheRing) {

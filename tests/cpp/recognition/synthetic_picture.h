@@ -29,8 +29,8 @@ struct Picture {
 /// blurred with the binomial (1 2 1) / 4 in both directions (variance 1/2 px^2),
 /// with normal noise of a fixed seed.
 Picture<std::uint16_t> Render(int width, int height, const std::vector<Drawn>& shapes,
-                              double bright = 3000.0, double dark = 300.0,
-                              double noise_sigma = 0.0, unsigned seed = 1);
+                              double bright = 3000.0, double dark = 300.0, double noise_sigma = 0.0,
+                              unsigned seed = 1);
 
 /// Most significant bit first.
 std::vector<int> Bits(std::uint32_t code, int num_bits);

@@ -67,8 +67,12 @@ def render(
         if dot.bits:
             n = len(dot.bits)
             sector = np.floor((np.arctan2(q, p) - dot.turn) / (2 * math.pi) * n).astype(int) % n
-            mask |= (radius >= dot.ring[0]) & (radius <= dot.ring[1]) & np.array(dot.bits, bool)[sector]
-        blurred = gaussian_filter(mask.astype(float), psf * sampling) if psf > 0 else mask.astype(float)
+            mask |= (
+                (radius >= dot.ring[0]) & (radius <= dot.ring[1]) & np.array(dot.bits, bool)[sector]
+            )
+        blurred = (
+            gaussian_filter(mask.astype(float), psf * sampling) if psf > 0 else mask.astype(float)
+        )
         cover = blurred.reshape(blurred.shape[0] // sampling, sampling, -1, sampling).mean((1, 3))
         out[y0:y1, x0:x1] += (white - black) * cover[pad:-pad, pad:-pad]
     y, x = np.mgrid[:height, :width]

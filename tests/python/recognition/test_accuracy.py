@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scenes
-
 from videogrammetry.recognition import RecognitionOptions, recognize
 
 DATA = Path(os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data"))

@@ -3,7 +3,6 @@ import os
 from pathlib import Path
 
 import pytest
-
 from videogrammetry.recognition import CODE_FAMILIES, code_family
 
 DATA = Path(os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data"))

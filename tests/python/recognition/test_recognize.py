@@ -5,7 +5,6 @@ import time
 import numpy as np
 import pytest
 import scenes
-
 from videogrammetry._core import recognition as core
 from videogrammetry.recognition import (
     CODE_FAMILIES,
@@ -191,7 +190,9 @@ def _awkward():
     yield "half black", (65535 * (x > 400)).astype(np.uint16)
 
 
-@pytest.mark.parametrize(("name", "image"), list(_awkward()), ids=lambda v: v if isinstance(v, str) else "")
+@pytest.mark.parametrize(
+    ("name", "image"), list(_awkward()), ids=lambda v: v if isinstance(v, str) else ""
+)
 def test_pictures_without_targets_end_soon_and_empty(name, image):
     for polarity in ("white-on-black", "black-on-white"):
         begin = time.perf_counter()

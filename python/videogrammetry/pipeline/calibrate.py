@@ -21,6 +21,7 @@ from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
     map_bounded,
+    not_applied_yet,
     open_cameras,
     read_and_recognize,
     recognition_options,
@@ -82,7 +83,11 @@ def calibrate_project(
     progress(1, 1, "adjusting")
     origin = provenance(options, [*inputs, project.calibration.target], project.folder)
     how = {**origin, **run.rig.how}
-    return dataclasses.replace(run, rig=dataclasses.replace(run.rig, how=how))
+    return dataclasses.replace(
+        run,
+        rig=dataclasses.replace(run.rig, how=how),
+        warnings=(*run.warnings, *not_applied_yet(project)),
+    )
 
 
 def _frames(

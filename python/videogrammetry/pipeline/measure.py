@@ -19,6 +19,7 @@ from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
     map_bounded,
+    not_applied_yet,
     open_cameras,
     read_and_recognize,
     recognition_options,
@@ -168,6 +169,7 @@ def measure_project(
     sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
     stages = _stage_range(project, check_same_length(sources))
     rate, warnings = _frame_rate(project, sources)
+    warnings += not_applied_yet(project)
     recognition = recognition_options(project.targets)
     measurement = measure_frames(
         rig,

@@ -150,6 +150,8 @@ void BindNetwork(py::module_& m) {
            [](const Network& n, int i) { return n.cameras.at(static_cast<std::size_t>(i)).free; })
       .def("floor_px", [](const Network& n,
                           int i) { return n.cameras.at(static_cast<std::size_t>(i)).floor_px; })
+      .def("cov_scale", [](const Network& n,
+                           int i) { return n.cameras.at(static_cast<std::size_t>(i)).cov_scale; })
       .def("pose",
            [](const Network& n, int i) {
              const Rigid3& t = n.poses.at(static_cast<std::size_t>(i)).transform;

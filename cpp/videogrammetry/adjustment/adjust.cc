@@ -63,12 +63,20 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   return summary;
 }
 
-bool FloorsMoved(const Network& network, const std::vector<double>& floors) {
-  for (std::size_t c = 0; c < floors.size(); ++c) {
-    const double was = network.cameras[c].floor_px;
-    if (std::abs(floors[c] - was) > 0.005 * std::max(floors[c], was)) return true;
+/// Takes the new noise over if it differs by half a per cent somewhere.
+bool UpdateNoise(Network* network, const std::vector<CameraNoise>& noise) {
+  auto differs = [](double a, double b) { return std::abs(a - b) > 0.005 * std::max(a, b); };
+  bool moved = false;
+  for (std::size_t c = 0; c < noise.size(); ++c) {
+    const NetworkCamera& camera = network->cameras[c];
+    moved |= differs(noise[c].floor_px, camera.floor_px) ||
+             differs(noise[c].cov_scale, camera.cov_scale);
   }
-  return false;
+  for (std::size_t c = 0; moved && c < noise.size(); ++c) {
+    network->cameras[c].floor_px = noise[c].floor_px;
+    network->cameras[c].cov_scale = noise[c].cov_scale;
+  }
+  return moved;
 }
 
 /// One look at the present solution: observations, then weights, that must
@@ -83,11 +91,7 @@ bool Revise(Network* network, const Dispersion& dispersion, const AdjustOptions&
     if (change.rejected + change.readmitted > 0) return true;
   }
   if (!options.estimate_floor) return false;
-  const std::vector<double> floors =
-      EstimateFloors(*network, result->statistics, options.critical_value);
-  if (!FloorsMoved(*network, floors)) return false;
-  SetFloors(network, floors);
-  return true;
+  return UpdateNoise(network, EstimateNoise(*network, result->statistics, options.critical_value));
 }
 
 /// Sets aside what the robust start leaves beyond `limit` standard deviations:

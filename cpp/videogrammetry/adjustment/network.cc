@@ -18,8 +18,9 @@ bool InRange(int index, std::size_t size) {
 }  // namespace
 
 Eigen::Matrix2d Network::TotalCov(const NetworkObservation& o) const {
-  const double floor = cameras[camera_of(o)].floor_px;
-  return o.cov_px2 + floor * floor * Eigen::Matrix2d::Identity();
+  const NetworkCamera& camera = cameras[camera_of(o)];
+  return camera.cov_scale * o.cov_px2 +
+         camera.floor_px * camera.floor_px * Eigen::Matrix2d::Identity();
 }
 
 Rigid3 Network::CamFromObject(const NetworkImage& image) const {

@@ -23,6 +23,9 @@ struct NetworkCamera {
   InteriorVector start = InteriorVector::Zero();
   /// Adds to every image coordinate's standard deviation (as variances add), px.
   double floor_px = 0.0;
+  /// Multiplies the stated covariances; below 1 where the residuals show that
+  /// they are too large.
+  double cov_scale = 1.0;
 };
 
 /// A rigid motion that is estimated (`free`) or held. The six unknowns are a
@@ -77,7 +80,7 @@ struct Network {
   std::vector<NetworkObservation> observations;
 
   int camera_of(const NetworkObservation& o) const { return images[o.image].camera; }
-  /// Covariance of an observation with its camera's floor added.
+  /// Covariance of an observation: its camera's scale times the stated one, plus the floor.
   Eigen::Matrix2d TotalCov(const NetworkObservation& o) const;
   Rigid3 CamFromObject(const NetworkImage& image) const;
   /// @throws std::invalid_argument that names the first index out of range,

@@ -68,9 +68,9 @@ std::vector<CameraVariance> CameraVariances(const Network& network,
   return all;
 }
 
-std::vector<double> EstimateFloors(const Network& network,
-                                   const std::vector<ObservationStatistics>& statistics,
-                                   double critical_value) {
+std::vector<CameraNoise> EstimateNoise(const Network& network,
+                                       const std::vector<ObservationStatistics>& statistics,
+                                       double critical_value) {
   std::vector<std::vector<Sample>> samples(network.cameras.size());
   std::vector<double> redundancy(network.cameras.size());
   for (std::size_t i = 0; i < statistics.size(); ++i) {
@@ -80,19 +80,24 @@ std::vector<double> EstimateFloors(const Network& network,
     samples[c].push_back({statistics[i].residual_px, o.cov_px2});
     redundancy[c] += statistics[i].redundancy.sum();
   }
-  std::vector<double> floors(network.cameras.size(), 0.0);
+  std::vector<CameraNoise> noise(network.cameras.size());
   const double kept = TruncatedVariance(critical_value);
-  for (std::size_t c = 0; c < floors.size(); ++c) {
-    if (redundancy[c] < 1.0) {
-      floors[c] = network.cameras[c].floor_px;  // nothing checks this camera
+  for (std::size_t c = 0; c < noise.size(); ++c) {
+    const NetworkCamera& camera = network.cameras[c];
+    if (redundancy[c] < 1.0) {  // nothing checks this camera
+      noise[c] = {camera.floor_px, camera.cov_scale};
       continue;
     }
     const double wanted = kept * redundancy[c];
-    const double tolerance = 1.0 + 2.58 * std::sqrt(2.0 / redundancy[c]);
-    if (WeightedSquares(samples[c], 0.0) <= wanted * tolerance) continue;
-    floors[c] = std::sqrt(SolveVariance(samples[c], wanted));
+    const double ratio = WeightedSquares(samples[c], 0.0) / wanted;
+    const double tolerance = 2.58 * std::sqrt(2.0 / redundancy[c]);
+    if (ratio > 1.0 + tolerance) {
+      noise[c].floor_px = std::sqrt(SolveVariance(samples[c], wanted));
+    } else if (ratio < 1.0 - tolerance) {
+      noise[c].cov_scale = std::max(ratio, 1e-6);
+    }
   }
-  return floors;
+  return noise;
 }
 
 std::vector<double> RobustFloors(const Network& network,

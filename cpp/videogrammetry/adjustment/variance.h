@@ -24,17 +24,27 @@ double TruncatedVariance(double critical_value);
 std::vector<CameraVariance> CameraVariances(const Network& network,
                                             const std::vector<ObservationStatistics>& statistics);
 
+/// What the residuals say about a camera's stated covariances.
+struct CameraNoise {
+  double floor_px = 0.0;
+  double cov_scale = 1.0;
+};
+
 /// Floors c of all cameras, such that with the total covariance
 /// cov_px2 + c^2 I every camera's v'Pv equals its sum of redundancy numbers
 /// times TruncatedVariance(critical_value) (Foerstner's estimate of variance
 /// components, one additive component a camera).
 ///
-/// 0 where the stated covariances explain the residuals within 2.58 standard
-/// deviations of the factor, sqrt(2 / redundancy): a floor that the residuals
-/// do not demand must not change the weights.
-std::vector<double> EstimateFloors(const Network& network,
-                                   const std::vector<ObservationStatistics>& statistics,
-                                   double critical_value);
+/// Where the stated covariances are too large instead, no floor can help: then
+/// `cov_scale` is the factor that brings v'Pv there, so that image points and
+/// target coordinates keep their true weight against each other.
+///
+/// 0 and 1 where the stated covariances explain the residuals within 2.58 standard
+/// deviations of the factor, sqrt(2 / redundancy): what the residuals do not
+/// demand must not change the weights.
+std::vector<CameraNoise> EstimateNoise(const Network& network,
+                                       const std::vector<ObservationStatistics>& statistics,
+                                       double critical_value);
 
 /// The same from the median of |v|, for residuals that hold outliers.
 std::vector<double> RobustFloors(const Network& network,

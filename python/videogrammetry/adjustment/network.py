@@ -26,7 +26,8 @@ class AdjustOptions:
     Attributes
     ----------
     critical_value : of Baarda's w-test; 0 = no data snooping.
-    estimate_floor : estimate an additive variance of the image points per camera.
+    estimate_floor : estimate an additive variance of the image points per camera
+        (or, where the stated covariances are too large, a factor below 1).
     robust_start : begin with Cauchy's loss (needed unless the start is the solution).
     significance : drop offered distortion parameters below this many standard
         deviations; 0 = keep all.
@@ -254,6 +255,10 @@ class Network:
     def floor_px(self, camera: int) -> float:
         """The camera's estimated floor of the image points' standard deviation."""
         return float(self._network.floor_px(camera))
+
+    def cov_scale(self, camera: int) -> float:
+        """Factor on the camera's stated covariances; below 1 where they were too large."""
+        return float(self._network.cov_scale(camera))
 
     def pose(self, pose: int) -> tuple[FloatArray, FloatArray]:
         """Rotation (3, 3) and translation (3,) of a pose as they stand."""

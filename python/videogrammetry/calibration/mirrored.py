@@ -68,7 +68,8 @@ def _refine(solution: Solution, stage: int, pose: Rigid) -> tuple[float, Rigid]:
         images.append(np.full(int(used.sum()), index))
         points.append(picture.point[used])
         xy.append(picture.xy_px[used])
-        cov.append(picture.cov_px2[used])
+        scale = bundle.network.cov_scale(bundle.network_camera(image))
+        cov.append(scale * picture.cov_px2[used])
     network.set_points(np.arange(len(bundle.network.positions_mm)), bundle.network.positions_mm)
     network.set_observations(*(np.concatenate(part) for part in (images, points, xy, cov)))
     result = network.adjust(

@@ -160,7 +160,13 @@ def observation_table(solutions: Sequence[Solution], target: PointSet) -> Observ
             for i, p in enumerate(s.bundle.pictures)
         ]
     )
-    cov = np.concatenate([p.cov_px2 for p in pictures])
+    cov = np.concatenate(
+        [
+            s.bundle.network.cov_scale(s.bundle.network_camera(i)) * p.cov_px2
+            for s in solutions
+            for i, p in enumerate(s.bundle.pictures)
+        ]
+    )
     adjustments = [s.adjustment for s in solutions]
     return ObservationTable(
         camera=np.repeat([p.camera for p in pictures], counts).astype(np.int32),

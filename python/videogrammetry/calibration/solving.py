@@ -162,6 +162,12 @@ def _doubts(bundle: Bundle, adjustment: Adjustment, cameras: Sequence[CameraFram
             "their standard deviations say; measure the target anew or raise sigma_mm"
         )
     for index, camera in enumerate(bundle.camera_of):
+        scale = bundle.network.cov_scale(index)
+        if scale < 0.25:
+            warnings.append(
+                f"camera {cameras[camera].name}: the stated standard deviations of its image "
+                f"points are {1 / np.sqrt(scale):.1f} times too large; the residuals' were used"
+            )
         floor = bundle.network.floor_px(index)
         if floor > 0.5:
             warnings.append(

@@ -30,6 +30,22 @@ TEST(Variance, FloorIsFoundPerCamera) {
   }
 }
 
+// Stated three times too large: the scale 1/9 scatters by sqrt(2 / r) of itself.
+TEST(Variance, StatedCovariancesThatAreTooLargeAreScaled) {
+  std::mt19937 random(7);
+  Network network = synthetic::MakeRig(&random, {});
+  synthetic::AddNoise(&random, &network);
+  for (NetworkObservation& o : network.observations) o.cov_px2 *= 9;
+  AdjustOptions options;
+  options.critical_value = 0;
+  const AdjustResult result = Adjust(&network, options);
+  for (std::size_t c = 0; c < 2; ++c) {
+    EXPECT_NEAR(network.cameras[c].cov_scale, 1.0 / 9,
+                5.0 / 9 * std::sqrt(2.0 / result.cameras[c].redundancy));
+    EXPECT_EQ(network.cameras[c].floor_px, 0.0);
+  }
+}
+
 TEST(Variance, TruncatedNormal) {
   EXPECT_EQ(TruncatedVariance(0.0), 1.0);
   // By hand for k = 1: 1 - 2 * 0.2419707 / 0.6826895.

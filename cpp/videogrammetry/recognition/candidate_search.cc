@@ -16,9 +16,6 @@ constexpr double kLeastBalance = 0.5;
 /// Mean deviation of the grey values in a chord's middle half over its contrast.
 constexpr double kMostUneven = 0.15;
 
-/// Areas less like an ellipse than this are none at another level either.
-constexpr double kWorthAnotherLevel = 0.85;
-
 /// A run of pixels in a row whose gradient exceeds the threshold with one sign.
 struct EdgeRun {
   int first = 0;
@@ -26,11 +23,11 @@ struct EdgeRun {
   bool rise = false;
 };
 
-/// A chord's middle and its grey values.
+/// Grey values along a chord and the level at which its area is cut out.
 struct Chord {
-  int middle = 0;
+  int left = 0;  ///< first pixel of the area at this level
+  int level = 0;
   int inside = 0;
-  int outside = 0;
 };
 
 template <typename T>
@@ -150,8 +147,12 @@ class CandidateSearch {
     }
     Chord chord;
     chord.inside = inside;
-    chord.outside = outside;
-    chord.middle = (left + right) / 2;
+    chord.level = outside + (inside - outside + 1) / 2;
+    int x = (left + right) / 2;
+    if (image_(x, y) < chord.level) return std::nullopt;
+    while (x > 0 && image_(x - 1, y) >= chord.level) --x;
+    if (x == 0) return std::nullopt;  // cut by the picture's border
+    chord.left = x;
     return chord;
   }
 
@@ -162,26 +163,10 @@ class CandidateSearch {
     return false;
   }
 
-  /// Half-way between inside and outside, and, where the light falls off
-  /// across the dot, so that a part of it is darker than that, at a quarter.
   void Follow(int y, const Chord& chord) {
-    for (const int parts : {2, 4}) {
-      const int level = chord.outside + (chord.inside - chord.outside + parts - 1) / parts;
-      int x = chord.middle;
-      if (image_(x, y) < level) return;
-      while (x > 0 && image_(x - 1, y) >= level) --x;
-      if (x == 0) return;  // cut by the picture's border
-      if (SeenEnough(x, y)) return;
-      if (FollowAt(x, y, level, chord)) return;
-    }
-  }
-
-  /// Returns true when nothing is to be gained at another level.
-  bool FollowAt(int x, int y, int level, const Chord& chord) {
-    const ContourEnd end = contour_.Follow(x, y, level);
-    const bool closed = end == ContourEnd::kClosed;
-    const ContourMoments moments = closed ? contour_.Moments() : ContourMoments{};
-    const auto ellipse = closed ? Accept(moments) : std::nullopt;
+    if (SeenEnough(chord.left, y)) return;
+    const ContourEnd end = contour_.Follow(chord.left, y, chord.level);
+    const auto ellipse = end == ContourEnd::kClosed ? Accept(contour_.Moments()) : std::nullopt;
     contour_.ForEachLeftSide([&](const LeftSide& side) {
       if (!IsScanned(side.y)) return;
       std::uint8_t& visits = Visits(side.x, side.y);
@@ -191,11 +176,9 @@ class CandidateSearch {
         ++visits;
       }
     });
-    if (ellipse) {
-      candidates_.push_back({*ellipse, static_cast<float>(chord.inside - chord.outside)});
-    }
-    return !closed || ellipse || std::min(moments.width_px, moments.height_px) < min_diameter_ ||
-           EllipseLikeness(moments) < kWorthAnotherLevel;
+    if (!ellipse) return;
+    candidates_.push_back(
+        {*ellipse, static_cast<float>(chord.inside), static_cast<float>(chord.level)});
   }
 
   std::optional<Ellipse> Accept(const ContourMoments& m) const {

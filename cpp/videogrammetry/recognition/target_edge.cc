@@ -37,7 +37,7 @@ bool HasContrastAllAround(const SignedImage<T>& image, const Candidate& candidat
   constexpr int kPlaces = 16, kMayFail = 1;
   const EllipseFrame frame = EllipseFrame::From(candidate.ellipse);
   const double inward = std::min(1.5, 0.6 * candidate.ellipse.semi_minor_px);
-  const float least = 0.25f * candidate.contrast;
+  const float least = 0.5f * (candidate.inside - candidate.level);
   int failed = 0;
   for (int i = 0; i < kPlaces; ++i) {
     const double t = 2 * std::numbers::pi * i / kPlaces;

@@ -19,7 +19,7 @@ import numpy as np
 from videogrammetry.recognition import RecognitionOptions, recognize
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "python" / "recognition"))
-import scenes
+import recognition_scenes as scenes
 
 CORNER_ORIGIN = 0.5
 

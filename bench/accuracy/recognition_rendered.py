@@ -79,7 +79,8 @@ def main():
     if not folder.is_dir():
         sys.exit(f"{folder} is not there: give --data or set VIDEOGRAMMETRY_DATA")
     print(
-        "noise     found of   IDs read of  wrong  false   RMS px  edge rays   sigma   chi  axis bias"
+        "noise     found of   IDs read of  wrong  false   RMS px  edge rays   sigma   chi"
+        "  axis bias"
     )
     for noise in NOISE:
         rows = []

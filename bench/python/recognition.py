@@ -23,7 +23,7 @@ import numpy as np
 from videogrammetry.recognition import recognize
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "python" / "recognition"))
-import scenes
+import recognition_scenes as scenes
 
 
 def best_ms(work, repeats):

@@ -109,7 +109,7 @@ def _read_table(path: Path) -> CodeFamily:
     if (
         not isinstance(ring, list)
         or len(ring) != 2
-        or not all(isinstance(r, (int, float)) and not isinstance(r, bool) for r in ring)
+        or not all(isinstance(r, int | float) and not isinstance(r, bool) for r in ring)
     ):
         raise ValueError(f"{path}: ring: expected [inner, outer] in radii of the dot, got {ring!r}")
     if not isinstance(codes, list) or not all(_is_integer(c) for c in codes):

@@ -26,7 +26,8 @@ class RecognitionOptions:
     codes : a family (``schneider-14``, ...), the path of a table file, or ``none``.
     direction : ``clockwise`` or ``counter-clockwise`` as seen in the picture.
     polarity : ``white-on-black`` or ``black-on-white``.
-    diameter_px : smallest minor and largest major axis of a dot, full lengths.
+    diameter_px : smallest minor and largest major axis of a dot, full lengths;
+        3 <= smallest < largest <= 2000.
     method : ``local-canny``, the paper's way.
     """
 

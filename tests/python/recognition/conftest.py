@@ -1,9 +1,5 @@
-import importlib.util
 import sys
 from pathlib import Path
 
-_path = Path(__file__).with_name("scenes.py")
-_spec = importlib.util.spec_from_file_location("scenes", _path)
-scenes = importlib.util.module_from_spec(_spec)
-sys.modules.setdefault("scenes", scenes)
-_spec.loader.exec_module(scenes)
+# The synthetic pictures are shared by this folder's tests and by bench/.
+sys.path.insert(0, str(Path(__file__).parent))

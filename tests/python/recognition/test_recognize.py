@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-import scenes
+import recognition_scenes as scenes
 from videogrammetry._core import recognition as core
 from videogrammetry.recognition import (
     CODE_FAMILIES,

@@ -54,7 +54,7 @@ def assign_uncoded(
             picture.open_cov_px2 + np.array([1.0, 0.0, 1.0]) * floor**2,
             xy[visible],
             cov[visible] * max(adjustment.sigma0, 1.0) ** 2,
-            critical_value or 3.29,
+            critical_value or 4.0,
         )
         pictures.append(
             replace(

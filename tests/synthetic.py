@@ -34,8 +34,11 @@ def arc_rig(count=2, *, f_px=1400.0, size=(640, 480), distance_mm=2000.0, angle_
         rotation = c.rotation @ first.rotation.T
         translation = c.translation_mm - rotation @ first.translation_mm
         cameras[name] = RigCamera(
-            image_size_px=size, interior=c.interior, r0_px=c.r0_px,
-            rotation=rotation, translation_mm=translation,
+            image_size_px=size,
+            interior=c.interior,
+            r0_px=c.r0_px,
+            rotation=rotation,
+            translation_mm=translation,
         )
     return RigData(cameras=cameras)
 

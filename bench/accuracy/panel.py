@@ -84,7 +84,9 @@ def judge_stage(ids, position, cov, known) -> StageErrors:
     """
     row_of = {int(i): k for k, i in enumerate(known.id)}
     coded = np.array([i <= LARGEST_CODE and int(i) in row_of for i in ids])
-    known_row = np.array([row_of.get(int(i), -1) if c else -1 for i, c in zip(ids, coded)])
+    known_row = np.array(
+        [row_of.get(int(i), -1) if c else -1 for i, c in zip(ids, coded, strict=False)]
+    )
     rotation, translation, _ = fit_rigid(known.position_mm[known_row[coded]], position[coded])
     placed = position @ rotation.T + translation
     distance, nearest = cKDTree(known.position_mm).query(placed)
@@ -109,7 +111,7 @@ def strangers(stages, numbers, known) -> list[str]:
     """Every point at no known place, with what tells what it is."""
     lines = []
     plane = known.position_mm[np.abs(known.position_mm[:, 2]) < 5]
-    for number, stage in zip(numbers, stages):
+    for number, stage in zip(numbers, stages, strict=False):
         for i, place in stage.strangers:
             gap = np.linalg.norm(plane - place, axis=1).min()
             lines.append(
@@ -127,7 +129,7 @@ def reference_sigma(stages) -> np.ndarray:
     """
     errors = {}
     for stage in stages:
-        for i, e in zip(stage.known_id.tolist(), stage.error_mm):
+        for i, e in zip(stage.known_id.tolist(), stage.error_mm, strict=False):
             errors.setdefault(i, []).append(e)
     repeated = [np.array(e) for e in errors.values() if len(e) > 1]
     within = sum(((e - e.mean(axis=0)) ** 2).sum(axis=0) for e in repeated)
@@ -162,13 +164,13 @@ def judge(measurement, known) -> dict:
     normalised = error / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     wrong = [
         (int(s), int(i), int(k))
-        for s, x in zip(table.stage, stages)
-        for i, k in zip(x.id, x.known_id)
+        for s, x in zip(table.stage, stages, strict=False)
+        for i, k in zip(x.id, x.known_id, strict=False)
         if i <= LARGEST_CODE and i != k
     ]
     moved = {}
     for x in stages:
-        for i, k in zip(x.id.tolist(), x.known_id.tolist()):
+        for i, k in zip(x.id.tolist(), x.known_id.tolist(), strict=False):
             moved.setdefault(i, set()).add(k)
     return {
         "points_coded": int(coded.sum()),
@@ -211,7 +213,9 @@ def run(method: str, project_path: Path) -> dict:
         "f_px": {n: float(c.interior[0]) for n, c in calibration.rig.cameras.items()},
         "parameters": {n: list(p) for n, p in calibration.parameters_kept.items()},
         "observations": calibration.num_observations,
-        "rejected": [(r.kind, r.camera, r.image, r.point_id, r.reason) for r in calibration.rejected],
+        "rejected": [
+            (r.kind, r.camera, r.image, r.point_id, r.reason) for r in calibration.rejected
+        ],
         "calibration_warnings": list(calibration.warnings),
         "baseline_mm": float(np.linalg.norm(centres[1] - centres[0])),
         "seconds": [middle - start, end - middle],
@@ -250,12 +254,16 @@ def print_table(results: list[dict]) -> None:
     for title, key, bar in ROWS:
         print(f"{title:46} {bar:>15} " + " ".join(cell(r[key]) for r in results))
     for r in results:
-        print(f"\n{r['method']}: RMS per axis {r['rms_axis_mm']} mm, normalised per axis "
-              f"{r['normalised_rms_axis']}; floors {r['sigma_floor_px']} px; parameters "
-              f"{r['parameters']}; {r['seconds'][0]:.1f} s calibrating, {r['seconds'][1]:.1f} s "
-              "measuring")
-        print(f"  wrong IDs: {r['wrong_ids'] or 'none'}; numbers that moved between places: "
-              f"{r['numbers_on_two_places'] or 'none'}")
+        print(
+            f"\n{r['method']}: RMS per axis {r['rms_axis_mm']} mm, normalised per axis "
+            f"{r['normalised_rms_axis']}; floors {r['sigma_floor_px']} px; parameters "
+            f"{r['parameters']}; {r['seconds'][0]:.1f} s calibrating, {r['seconds'][1]:.1f} s "
+            "measuring"
+        )
+        print(
+            f"  wrong IDs: {r['wrong_ids'] or 'none'}; numbers that moved between places: "
+            f"{r['numbers_on_two_places'] or 'none'}"
+        )
         print(f"  standard deviation of points.csv, from repeats: {r['reference_sigma_mm']} mm")
         print("  points at no known place:", *(r["strangers"] or ["none"]), sep="\n    ")
         print(f"  rejected in the calibration: {len(r['rejected'])}, the first of them:")

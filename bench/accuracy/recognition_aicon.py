@@ -18,6 +18,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from videogrammetry.recognition import recognize
 
 OFF_PANEL = (72, 73, 74)

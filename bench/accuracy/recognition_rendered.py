@@ -19,6 +19,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from videogrammetry.recognition import recognize
 
 NOISE = ("S150", "S75", "S75_8bit", "S32", "S13")

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from videogrammetry.recognition import recognize
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "python" / "recognition"))

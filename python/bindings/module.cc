@@ -9,9 +9,8 @@ namespace py = pybind11;
 PYBIND11_MODULE(_core, m) {
   m.doc() = "C++ core of videogrammetry: private, each part imported by its namesake alone.";
   py::register_exception<videogrammetry::TaskError>(m, "TaskError", PyExc_RuntimeError);
-  m.def("instruction_set", [] {
-    return videogrammetry::InstructionSetName(videogrammetry::DetectInstructionSet());
-  });
+  m.def("instruction_set",
+        [] { return videogrammetry::InstructionSetName(videogrammetry::DetectInstructionSet()); });
   videogrammetry::bindings::BindGeometry(m);
   videogrammetry::bindings::BindMatching(m);
   videogrammetry::bindings::BindReconstruction(m);

@@ -1,10 +1,9 @@
-#include "videogrammetry/reconstruction/triangulate.h"
-
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
 #include "bindings.h"
+#include "videogrammetry/reconstruction/triangulate.h"
 
 namespace py = pybind11;
 using namespace pybind11::literals;
@@ -58,9 +57,9 @@ py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
 
 void BindReconstruction(py::module_& parent) {
   py::module_ m = parent.def_submodule("reconstruction");
-  m.def("triangulate", &TriangulateArrays, "rig"_a, "offsets"_a.noconvert(),
-        "camera"_a.noconvert(), "xy_px"_a.noconvert(), "cov_px2"_a.noconvert(), "cov_rig"_a,
-        "frame_by_parameters"_a, "num_threads"_a);
+  m.def("triangulate", &TriangulateArrays, "rig"_a, "offsets"_a.noconvert(), "camera"_a.noconvert(),
+        "xy_px"_a.noconvert(), "cov_px2"_a.noconvert(), "cov_rig"_a, "frame_by_parameters"_a,
+        "num_threads"_a);
   m.def(
       "shared_frame_motion",
       [](const Rig& rig, const Array<std::int64_t>& offsets, const Array<std::int32_t>& camera,

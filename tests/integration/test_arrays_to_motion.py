@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.synthetic import arc_rig, render
 
 import videogrammetry as vg
-from tests.synthetic import arc_rig, render
 from videogrammetry.recognition import code_family
 from videogrammetry.tracking.link import fit_rigid
 from videogrammetry.types import PointSet, matrix_from_cov6
@@ -30,8 +30,12 @@ def picture_targets(ids, position, world_from_board):
     rotation, translation = world_from_board
     codes = code_family("schneider-14").codes
     return [
-        (rotation @ p + translation, rotation[:, 0], rotation[:, 1],
-         codes[i - 1] if i < 517 else None)
+        (
+            rotation @ p + translation,
+            rotation[:, 0],
+            rotation[:, 1],
+            codes[i - 1] if i < 517 else None,
+        )
         for i, p in zip(ids, position, strict=True)
     ]
 

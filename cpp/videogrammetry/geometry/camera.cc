@@ -9,8 +9,8 @@ namespace {
 constexpr int kMaxNewton = 30;
 
 struct Inverse {
-  Eigen::Vector2d point_px;   // p with p + d(p) = target
-  Eigen::Matrix2d jacobian;   // I + dd/dp there
+  Eigen::Vector2d point_px;  // p with p + d(p) = target
+  Eigen::Matrix2d jacobian;  // I + dd/dp there
 };
 
 bool NewtonStep(const Camera& camera, const Eigen::Vector2d& target_px, Inverse* state,
@@ -101,8 +101,8 @@ std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector
   if (!ideal.allFinite()) return std::nullopt;
   const bool measured = camera.direction == DistortionDirection::kMeasured;
 
-  Eigen::Vector2d image;      // from the principal point
-  Eigen::Matrix2d by_ideal;   // d image / d ideal
+  Eigen::Vector2d image;     // from the principal point
+  Eigen::Matrix2d by_ideal;  // d image / d ideal
   if (measured) {
     const std::optional<Inverse> inverse = InvertDistortion(camera, ideal);
     if (!inverse) return std::nullopt;
@@ -149,7 +149,8 @@ std::optional<Eigen::Vector3d> RayThroughPixel(const Camera& camera, const Eigen
   const double f = camera.f_px();
   if (by_pixel != nullptr) {
     const bool measured = camera.direction == DistortionDirection::kMeasured;
-    const Eigen::Vector2d at = measured ? Eigen::Vector2d(pixel - camera.principal_point_px()) : *ideal;
+    const Eigen::Vector2d at =
+        measured ? Eigen::Vector2d(pixel - camera.principal_point_px()) : *ideal;
     Eigen::Matrix2d by_point;
     Distortion(camera, at, &by_point);
     const Eigen::Matrix2d jacobian = Eigen::Matrix2d::Identity() + by_point;

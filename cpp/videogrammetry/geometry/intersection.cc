@@ -33,9 +33,8 @@ double LargestAngle(const std::vector<WorldRay>& rays) {
   double largest = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
     for (std::size_t j = i + 1; j < rays.size(); ++j) {
-      largest = std::max(
-          largest, std::atan2(rays[i].direction.cross(rays[j].direction).norm(),
-                              std::abs(rays[i].direction.dot(rays[j].direction))));
+      largest = std::max(largest, std::atan2(rays[i].direction.cross(rays[j].direction).norm(),
+                                             std::abs(rays[i].direction.dot(rays[j].direction))));
     }
   }
   return largest;
@@ -65,8 +64,8 @@ bool Linearise(const Rig& rig, std::span<const Sighting> sightings,
   *system = {};
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     OrientedJacobians jacobians;
-    const auto pixel = ProjectFromWorld(rig[static_cast<std::size_t>(sightings[i].camera)],
-                                        position, &jacobians);
+    const auto pixel =
+        ProjectFromWorld(rig[static_cast<std::size_t>(sightings[i].camera)], position, &jacobians);
     if (!pixel) return false;
     const Eigen::Vector2d residual = sightings[i].pixel - *pixel;
     const Eigen::Matrix<double, 3, 2> weighted = jacobians.by_point.transpose() * weights[i];

@@ -18,17 +18,17 @@ struct Sighting {
 struct Intersection {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   Eigen::Matrix3d cov_mm2 = Eigen::Matrix3d::Zero();  ///< from cov_px2 alone
-  double chi2 = 0.0;               ///< weighted squared residuals; 2n - 3 degrees of freedom
-  double convergence_rad = 0.0;    ///< largest angle between two of the rays
+  double chi2 = 0.0;             ///< weighted squared residuals; 2n - 3 degrees of freedom
+  double convergence_rad = 0.0;  ///< largest angle between two of the rays
   std::vector<Eigen::Vector2d> residuals_px;  ///< measured - adjusted, one a sighting
 };
 
 /// Why an intersection failed.
 enum class IntersectionStatus {
   kOk,
-  kTooFewRays,      ///< fewer than two sightings
-  kParallelRays,    ///< no angle between any two rays: depth is not determined
-  kBehindCamera,    ///< the rays meet behind a camera
+  kTooFewRays,    ///< fewer than two sightings
+  kParallelRays,  ///< no angle between any two rays: depth is not determined
+  kBehindCamera,  ///< the rays meet behind a camera
   kNotConverged
 };
 

@@ -12,8 +12,7 @@ Eigen::Matrix3d RotationFromVector(const Eigen::Vector3d& rotation_rad) {
   cross << 0, -rotation_rad.z(), rotation_rad.y(), rotation_rad.z(), 0, -rotation_rad.x(),
       -rotation_rad.y(), rotation_rad.x(), 0;
   // Series below 1e-4 rad, where (1 - cos) would lose its digits.
-  const double a =
-      angle < 1e-4 ? 1.0 - angle * angle / 6.0 : std::sin(angle) / angle;
+  const double a = angle < 1e-4 ? 1.0 - angle * angle / 6.0 : std::sin(angle) / angle;
   const double half = std::sin(0.5 * angle);
   const double b = angle < 1e-4 ? 0.5 - angle * angle / 24.0 : 2.0 * half * half / (angle * angle);
   return Eigen::Matrix3d::Identity() + a * cross + b * cross * cross;

@@ -160,8 +160,8 @@ class Packing {
 
   const std::vector<Candidate>& candidates_;
   std::vector<std::size_t> usable_;
-  std::vector<std::vector<std::size_t>> owner_;                   // camera, target -> chosen
-  std::vector<std::vector<std::vector<std::size_t>>> touching_;   // camera, target -> candidates
+  std::vector<std::vector<std::size_t>> owner_;                  // camera, target -> chosen
+  std::vector<std::vector<std::vector<std::size_t>>> touching_;  // camera, target -> candidates
 };
 
 }  // namespace

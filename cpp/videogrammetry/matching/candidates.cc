@@ -30,8 +30,8 @@ double ChiSquareLimit(int dof, double z) {
 
 // A camera's targets as rays in its own normalised picture.
 struct NormalisedCamera {
-  std::vector<Eigen::Vector3d> ray;       // (X/Z, Y/Z, 1)
-  std::vector<Eigen::Matrix2d> cov;       // of the first two
+  std::vector<Eigen::Vector3d> ray;  // (X/Z, Y/Z, 1)
+  std::vector<Eigen::Matrix2d> cov;  // of the first two
   std::vector<char> valid;
 };
 
@@ -197,8 +197,8 @@ double GeometricScore(const Rig& rig, std::span<const CameraTargets> cameras,
   log_length /= n;
   const int dof = 2 * n - 3;
   const double log_root = 0.5 * std::log(2 * std::numbers::pi);
-  return kLogPriorOdds - 0.5 * candidate.point.chi2 - dof * (log_root + log_sigma) - (n - 1) * log_density -
-         log_length;
+  return kLogPriorOdds - 0.5 * candidate.point.chi2 - dof * (log_root + log_sigma) -
+         (n - 1) * log_density - log_length;
 }
 
 }  // namespace

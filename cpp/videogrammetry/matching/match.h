@@ -53,8 +53,8 @@ struct Match {
   std::vector<int> target;  ///< one a camera: index or -1
   int id = -1;              ///< code number or -1
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
-  double chi2 = 0.0;        ///< of the rays' intersection, 2n - 3 degrees of freedom
-  double log_odds = 0.0;    ///< against the best alternative; large where there is none
+  double chi2 = 0.0;      ///< of the rays' intersection, 2n - 3 degrees of freedom
+  double log_odds = 0.0;  ///< against the best alternative; large where there is none
 };
 
 struct MatchResult {

@@ -168,9 +168,9 @@ void AddSurfaceEvidence(const Rig& rig, std::span<const CameraTargets> cameras,
       if (first - candidate.target.begin() != static_cast<std::ptrdiff_t>(c)) continue;
       candidate.score = candidate.geometric_score;
       Prediction prediction;
-      if (!PredictInverseDepth(
-              Nearest(rig[c], cameras[c], c, reliable, candidate, neighbours),
-              cameras[c].xy_px[static_cast<std::size_t>(candidate.target[c])], &prediction)) {
+      if (!PredictInverseDepth(Nearest(rig[c], cameras[c], c, reliable, candidate, neighbours),
+                               cameras[c].xy_px[static_cast<std::size_t>(candidate.target[c])],
+                               &prediction)) {
         continue;
       }
       const double sigma = std::hypot(
@@ -179,8 +179,8 @@ void AddSurfaceEvidence(const Rig& rig, std::span<const CameraTargets> cameras,
       const double u =
           (InverseDepth(rig[c], candidate.point.position_mm) - prediction.inverse_depth) / sigma;
       const double density = std::exp(-0.5 * u * u) / (std::sqrt(2 * std::numbers::pi) * sigma);
-      candidate.score += std::log((1 - kShareOffSurface) * density * (high - low) +
-                                  kShareOffSurface);
+      candidate.score +=
+          std::log((1 - kShareOffSurface) * density * (high - low) + kShareOffSurface);
     }
   }
 }

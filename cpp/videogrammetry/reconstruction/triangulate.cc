@@ -74,13 +74,11 @@ bool Gain(const Rig& rig, const std::vector<Sighting>& sightings, const Intersec
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const Sighting& s = sightings[i];
     OrientedJacobians jacobians;
-    if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point.position_mm,
-                          &jacobians)) {
+    if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point.position_mm, &jacobians)) {
       return false;
     }
     gain->middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(i) * kNumCameraParameters) =
-        -point.cov_mm2 * jacobians.by_point.transpose() * s.cov_px2.inverse() *
-        jacobians.by_camera;
+        -point.cov_mm2 * jacobians.by_point.transpose() * s.cov_px2.inverse() * jacobians.by_camera;
   }
   return true;
 }
@@ -115,10 +113,10 @@ class CalibrationPart {
     for (std::size_t i = 0; i < sightings.size(); ++i) {
       const auto gain_i = gain.middleCols<kBlock>(static_cast<Eigen::Index>(i) * kBlock);
       for (std::size_t j = 0; j < sightings.size(); ++j) {
-        part += gain_i *
-                c_.block<kBlock, kBlock>(sightings[i].camera * kBlock,
-                                         sightings[j].camera * kBlock) *
-                gain.middleCols<kBlock>(static_cast<Eigen::Index>(j) * kBlock).transpose();
+        part +=
+            gain_i *
+            c_.block<kBlock, kBlock>(sightings[i].camera * kBlock, sightings[j].camera * kBlock) *
+            gain.middleCols<kBlock>(static_cast<Eigen::Index>(j) * kBlock).transpose();
       }
       if (cm_.rows() != 0) gcm += gain_i * cm_.middleRows<kBlock>(sightings[i].camera * kBlock);
     }
@@ -131,8 +129,8 @@ class CalibrationPart {
  private:
   const Rig& rig_;
   const Eigen::MatrixXd& c_;
-  Eigen::MatrixXd cm_;                 // C M^T
-  Eigen::Matrix<double, 6, 6> mcm_;    // M C M^T
+  Eigen::MatrixXd cm_;               // C M^T
+  Eigen::Matrix<double, 6, 6> mcm_;  // M C M^T
 };
 
 }  // namespace
@@ -155,8 +153,8 @@ Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches) {
     normal += effect.transpose() * effect;
     for (std::size_t k = 0; k < sightings.size(); ++k) {
       right.middleCols<kNumCameraParameters>(sightings[k].camera * kNumCameraParameters) +=
-          effect.transpose() * gain.middleCols<kNumCameraParameters>(
-                                   static_cast<Eigen::Index>(k) * kNumCameraParameters);
+          effect.transpose() * gain.middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(k) *
+                                                                     kNumCameraParameters);
     }
     ++used;
   }

@@ -23,13 +23,13 @@ struct TriangulationOptions {
 
 /// Points with covariance; a failed point keeps NaN and its status.
 struct TriangulatedPoints {
-  std::vector<double> position_mm;   ///< (P, 3)
-  std::vector<double> cov_image;     ///< (P, 3, 3) mm^2, from the image noise
-  std::vector<double> cov_rig;       ///< (P, 3, 3) mm^2, from the calibration; 0 without one
-  std::vector<double> chi2;          ///< (P), 2n - 3 degrees of freedom
+  std::vector<double> position_mm;      ///< (P, 3)
+  std::vector<double> cov_image;        ///< (P, 3, 3) mm^2, from the image noise
+  std::vector<double> cov_rig;          ///< (P, 3, 3) mm^2, from the calibration; 0 without one
+  std::vector<double> chi2;             ///< (P), 2n - 3 degrees of freedom
   std::vector<double> convergence_rad;  ///< (P)
-  std::vector<double> residual_px;   ///< (M, 2) measured - adjusted
-  std::vector<std::uint8_t> status;  ///< (P) IntersectionStatus
+  std::vector<double> residual_px;      ///< (M, 2) measured - adjusted
+  std::vector<std::uint8_t> status;     ///< (P) IntersectionStatus
 };
 
 /// What the calibration leaves uncertain, and in which frame that is stated.

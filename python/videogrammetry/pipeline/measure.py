@@ -32,7 +32,6 @@ from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.tracking import build_trajectories, link_stages
 from videogrammetry.types import (
-    FloatArray,
     FrameSource,
     IntArray,
     Matches,
@@ -238,9 +237,7 @@ def _rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
     keep = [i for i, n in enumerate(rig.cov_names) if n.rsplit("/", 1)[0] in cameras]
     cov = None if rig.cov is None else rig.cov[np.ix_(keep, keep)]
     names = tuple(rig.cov_names[i] for i in keep)
-    return dataclasses.replace(
-        rig, cameras=cameras, cov=cov, cov_names=names, volume_seen=seen
-    )
+    return dataclasses.replace(rig, cameras=cameras, cov=cov, cov_names=names, volume_seen=seen)
 
 
 def _stage_range(project: Project, count: int) -> tuple[int, int]:

@@ -9,4 +9,11 @@ from videogrammetry.reconstruction.triangulate import (
     triangulate,
 )
 
-__all__ = ["TRIANGULATION_STATUS", "CalibrationField", "Rig", "Triangulator", "reconstruct_stage", "triangulate"]
+__all__ = [
+    "TRIANGULATION_STATUS",
+    "CalibrationField",
+    "Rig",
+    "Triangulator",
+    "reconstruct_stage",
+    "triangulate",
+]

@@ -58,9 +58,7 @@ class Triangulator:
         self._model = rig_model(rig)
         self._cov = full_covariance(rig)
         #: (6, 16 K) shared rotation and translation by the parameters; empty: none taken out.
-        self.frame_by_parameters = (
-            self._shared_motion() if frame == "volume" else np.empty((0, 0))
-        )
+        self.frame_by_parameters = self._shared_motion() if frame == "volume" else np.empty((0, 0))
         self._num_threads = num_threads
 
     def __call__(

@@ -112,9 +112,7 @@ class _Linker:
         for number, stage in self.last_seen.items():
             if number not in found:
                 by_stage.setdefault(stage, []).append(number)
-        parts = [
-            self._predict_from(self.stages[s], now, np.array(n)) for s, n in by_stage.items()
-        ]
+        parts = [self._predict_from(self.stages[s], now, np.array(n)) for s, n in by_stage.items()]
         if not parts:
             return _Predictions(np.empty(0, np.int32), np.empty((0, 3)), np.empty(0))
         return _Predictions(

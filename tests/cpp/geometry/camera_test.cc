@@ -57,8 +57,7 @@ TEST_P(BothDirections, JacobiansAgreeWithNumericalOnes) {
       step[k] = 0.1;
       const Eigen::Vector2d numeric =
           (*Project(camera, point + step) - *Project(camera, point - step)) / 0.2;
-      EXPECT_LT((jacobians.by_point.col(k) - numeric).norm(),
-                1e-6 * jacobians.by_point.norm());
+      EXPECT_LT((jacobians.by_point.col(k) - numeric).norm(), 1e-6 * jacobians.by_point.norm());
     }
     for (int k = 0; k < kNumInterior; ++k) {
       Camera plus = camera, minus = camera;

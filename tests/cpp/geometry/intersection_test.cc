@@ -14,8 +14,7 @@ Rig ArcRig(int n) {
   for (int i = 0; i < n; ++i) {
     Camera camera{1024, 1024, {}, 400.0, DistortionDirection::kMeasured};
     camera.interior << 2650, -50, -40, -2e-8, 0, 0, 6e-8, -7e-7, 0, 0;
-    const Eigen::Matrix3d rotation =
-        RotationFromVector({0, (i - 0.5 * (n - 1)) * 0.436, 0});
+    const Eigen::Matrix3d rotation = RotationFromVector({0, (i - 0.5 * (n - 1)) * 0.436, 0});
     const Eigen::Vector3d target(0, 0, 12000);
     rig.push_back({camera, Rigid3{rotation, target - rotation * target}});
   }

@@ -42,8 +42,8 @@ struct Arrays {
 Rig Perturbed(const Rig& rig, const Eigen::VectorXd& by) {
   Rig moved = rig;
   for (std::size_t c = 0; c < rig.size(); ++c) {
-    const auto part = by.segment<kNumCameraParameters>(static_cast<Eigen::Index>(c) *
-                                                       kNumCameraParameters);
+    const auto part =
+        by.segment<kNumCameraParameters>(static_cast<Eigen::Index>(c) * kNumCameraParameters);
     moved[c].camera.interior += part.head<kNumInterior>();
     moved[c].cam_from_world.rotation =
         RotationFromVector(part.segment<3>(kNumInterior)) * rig[c].cam_from_world.rotation;
@@ -89,10 +89,8 @@ TEST(Triangulate, CalibrationPartIsTheScatterOverRigs) {
     std::mt19937 random(seed);
     double error = 0;
     for (int i = 0; i < kTrials; ++i) {
-      const TriangulatedPoints moved =
-          Triangulate(RandomRig(rig, factor, &random), arrays.View());
-      const Eigen::Vector3d d =
-          Eigen::Map<const Eigen::Vector3d>(moved.position_mm.data()) - point;
+      const TriangulatedPoints moved = Triangulate(RandomRig(rig, factor, &random), arrays.View());
+      const Eigen::Vector3d d = Eigen::Map<const Eigen::Vector3d>(moved.position_mm.data()) - point;
       error += d.dot(predicted.inverse() * d) / kTrials;
     }
     EXPECT_NEAR(error, 3.0, 4 * std::sqrt(6.0 / kTrials)) << "seed " << seed;
@@ -127,8 +125,7 @@ TEST(Triangulate, FrameFreePartIsTheScatterAfterBestFit) {
         moved.position_mm.data());
     const Rigid3 back = FitRigid3(points, found);
     for (int i = 0; i < kPoints; ++i) {
-      const Eigen::Vector3d d =
-          back * found.row(i).transpose() - points.row(i).transpose();
+      const Eigen::Vector3d d = back * found.row(i).transpose() - points.row(i).transpose();
       scatter.segment<3>(3 * i) += d.cwiseAbs2() / kTrials;
     }
   }

@@ -91,8 +91,10 @@ def test_covariances_are_the_scatter(seed):
     trials = 2000
     stages, points = 6, 8
     names = ("step", "displacement", "velocity", "centroid_displacement", "centroid_velocity")
-    unit = {name: ("_mm_s", "_cov_mm2_s2") if "velocity" in name else ("_mm", "_cov_mm2")
-            for name in names}
+    unit = {
+        name: ("_mm_s", "_cov_mm2_s2") if "velocity" in name else ("_mm", "_cov_mm2")
+        for name in names
+    }
     samples = {name: [] for name in names}
     for _ in range(trials):
         noisy = falling(stages, points) + rng.normal(0, 0.1, (stages, points, 3))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import recognition_scenes as scenes
+
 from videogrammetry.recognition import RecognitionOptions, recognize
 
 DATA = Path(os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data"))

@@ -3,6 +3,7 @@ import os
 from pathlib import Path
 
 import pytest
+
 from videogrammetry.recognition import CODE_FAMILIES, code_family
 
 DATA = Path(os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data"))

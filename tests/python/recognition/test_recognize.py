@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 import recognition_scenes as scenes
+
 from videogrammetry._core import recognition as core
 from videogrammetry.recognition import (
     CODE_FAMILIES,

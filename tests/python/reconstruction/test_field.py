@@ -11,8 +11,17 @@ from videogrammetry.reconstruction import CalibrationField, Rig, Triangulator
 from videogrammetry.tracking.link import fit_rigid
 from videogrammetry.types import RigCamera
 
-SIGMAS = {"f": 0.8, "x0": 1.4, "y0": 1.3, "rx": 3e-5, "ry": 3e-5, "rz": 3e-5,
-          "tx": 0.2, "ty": 0.3, "tz": 0.3}
+SIGMAS = {
+    "f": 0.8,
+    "x0": 1.4,
+    "y0": 1.3,
+    "rx": 3e-5,
+    "ry": 3e-5,
+    "rz": 3e-5,
+    "tx": 0.2,
+    "ty": 0.3,
+    "tz": 0.3,
+}
 
 
 def make_rig(rng):
@@ -21,13 +30,19 @@ def make_rig(rng):
         rotation = Rotation.from_rotvec([0, angle, 0]).as_matrix()
         target = np.array([0, 0, 12000.0])
         cameras[name] = RigCamera(
-            image_size_px=(1024, 1024), interior=np.r_[2650.0, 10, -20, np.zeros(7)],
-            r0_px=400.0, rotation=rotation, translation_mm=target - rotation @ target,
+            image_size_px=(1024, 1024),
+            interior=np.r_[2650.0, 10, -20, np.zeros(7)],
+            r0_px=400.0,
+            rotation=rotation,
+            translation_mm=target - rotation @ target,
         )
     names = tuple(f"{c}/{p}" for c in cameras for p in CAMERA_PARAMETERS)
     sigma = np.array([SIGMAS.get(n.split("/")[1], 0.0) for n in names])
     return Rig(
-        cameras=cameras, cov=np.diag(sigma**2), cov_names=names, volume_mm=volume,
+        cameras=cameras,
+        cov=np.diag(sigma**2),
+        cov_names=names,
+        volume_mm=volume,
         volume_seen=np.ones((40, 2), dtype=bool),
     )
 
@@ -38,7 +53,9 @@ def perturbed(rig, rng):
     for k, (name, c) in enumerate(rig.cameras.items()):
         d = draw[16 * k : 16 * (k + 1)]
         cameras[name] = RigCamera(
-            image_size_px=c.image_size_px, interior=c.interior + d[:10], r0_px=c.r0_px,
+            image_size_px=c.image_size_px,
+            interior=c.interior + d[:10],
+            r0_px=c.r0_px,
             rotation=Rotation.from_rotvec(d[10:13]).as_matrix() @ c.rotation,
             translation_mm=c.translation_mm + d[13:],
         )

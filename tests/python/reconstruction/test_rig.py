@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-
 from tests.synthetic import arc_rig
+
 from videogrammetry.reconstruction import Rig, triangulate
 
 
@@ -25,8 +25,13 @@ def test_two_exact_views_against_opencv(rig):
     pixels = rig.project(truth)
     matrices = []
     for c in list(rig.cameras.values())[:2]:
-        k = np.array([[c.interior[0], 0, 319.5 + c.interior[1]],
-                      [0, c.interior[0], 239.5 + c.interior[2]], [0, 0, 1]])
+        k = np.array(
+            [
+                [c.interior[0], 0, 319.5 + c.interior[1]],
+                [0, c.interior[0], 239.5 + c.interior[2]],
+                [0, 0, 1],
+            ]
+        )
         matrices.append(k @ np.column_stack([c.rotation, c.translation_mm]))
     homogeneous = cv2.triangulatePoints(*matrices, pixels["cam1"].T, pixels["cam2"].T)
     theirs = (homogeneous[:3] / homogeneous[3]).T

@@ -75,11 +75,7 @@ def start_camera(
     rejected: list[Rejection] = []
     usable = [p for p in pictures if _enough(p, target, camera.name, rejected)]
     if not usable:
-        raise CalibrationError(
-            f"camera {camera.name}: none of its {len(pictures)} pictures shows {MIN_POINTS} known "
-            f"points of the target (the most: {max((len(p) for p in pictures), default=0)}); "
-            "check that its pictures show the target and that the codes are read"
-        )
+        raise CalibrationError(_no_picture(camera.name, pictures))
     width, height = camera.image_size_px
     gate_px = START_GATE * float(np.hypot(width, height))
     interior = start_interior(camera)
@@ -120,6 +116,21 @@ def start_camera(
         model=model, held=held, f_given=f_given, poses=poses, gate_px=gate_px,
         rejected=tuple(rejected),
     )  # fmt: skip
+
+
+def _no_picture(name: str, pictures: Sequence[Picture]) -> str:
+    most = max((len(p) for p in pictures), default=0)
+    if most >= MIN_POINTS:
+        return (
+            f"camera {name}: in each of its {len(pictures)} pictures the known points (at most "
+            f"{most}) lie along one line of the target, which fixes no pose; give the target more "
+            "points, beside the line"
+        )
+    return (
+        f"camera {name}: none of its {len(pictures)} pictures shows {MIN_POINTS} known points of "
+        f"the target (the most: {most}); check that its pictures show the target and that the "
+        "codes are read"
+    )
 
 
 def _enough(picture: Picture, target: PointSet, name: str, rejected: list[Rejection]) -> bool:

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -39,6 +40,36 @@ TEST(EllipseFitTest, ExactPointsGiveTheEllipse) {
   ASSERT_TRUE(fitted.has_value());
   // Fourth powers of 12 px in double precision, conditioned by scaling.
   ExpectNear(*fitted, kTruth, 1e-8);
+}
+
+// N points with noise s along the normal: the normal's displacement by a shift
+// of the centre is n . dc, so that the bound of the centre's covariance is
+// s^2 (sum J^T J)^-1 over the five parameters (NormalJacobian). The direct fit
+// may exceed it, because it minimises an algebraic distance, but not by much on
+// a whole contour; the RMS of m trials is good to 1/sqrt(2 m) of itself.
+TEST(EllipseFitTest, CentreIsAtTheBound) {
+  constexpr int kPoints = 60, kTrials = 2000;
+  constexpr double kSigma = 0.05;
+  const EllipseFrame frame = EllipseFrame::From(kTruth);
+  Eigen::Matrix<double, 5, 5> normal = Eigen::Matrix<double, 5, 5>::Zero();
+  for (int i = 0; i < kPoints; ++i) {
+    const double t = 2 * std::numbers::pi * i / kPoints;
+    const auto row = frame.NormalJacobian({std::cos(t), std::sin(t)});
+    normal += row.transpose() * row;
+  }
+  const Eigen::Matrix<double, 5, 5> bound = kSigma * kSigma * normal.inverse();
+  Eigen::Vector2d squares = Eigen::Vector2d::Zero();
+  for (unsigned trial = 1; trial <= kTrials; ++trial) {
+    const auto fitted = FitEllipse(PointsOn(kTruth, kPoints, kSigma, trial));
+    ASSERT_TRUE(fitted.has_value()) << "seed " << trial;
+    const Eigen::Vector2d error(fitted->x_px - kTruth.x_px, fitted->y_px - kTruth.y_px);
+    squares += error.cwiseAbs2() / kTrials;
+  }
+  for (int k = 0; k < 2; ++k) {
+    const double ratio = std::sqrt(squares[k] / bound(k, k));
+    EXPECT_GT(ratio, 1.0 - 4 / std::sqrt(2.0 * kTrials)) << "axis " << k;
+    EXPECT_LT(ratio, 1.15) << "axis " << k;
+  }
 }
 
 TEST(EllipseFitTest, OutliersAreLeftOut) {

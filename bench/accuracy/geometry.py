@@ -127,7 +127,7 @@ def dlt() -> None:
     exact, ratios = 0.0, []
     for _ in range(200):
         points = rng.uniform(-300, 300, (60, 3))
-        in_cam = points + [20, -30, 3000]
+        in_cam = points + np.array([20, -30, 3000])
         pixels = 2600 * in_cam[:, :2] / in_cam[:, 2:] + 500
         truth = direct_linear_transform(points, pixels)
         exact = max(exact, abs(truth.calibration[0, 0] - 2600))

@@ -168,10 +168,11 @@ def judge(measurement, known) -> dict:
         for i, k in zip(x.id, x.known_id, strict=False)
         if i <= LARGEST_CODE and i != k
     ]
-    moved = {}
+    moved, named = {}, {}
     for x in stages:
         for i, k in zip(x.id.tolist(), x.known_id.tolist(), strict=False):
             moved.setdefault(i, set()).add(k)
+            named.setdefault(k, set()).add(i)
     return {
         "points_coded": int(coded.sum()),
         "points_uncoded": int((~coded).sum()),
@@ -189,6 +190,7 @@ def judge(measurement, known) -> dict:
         "reference_sigma_mm": reference_sigma(stages).round(4).tolist(),
         "normalised_rms_own_reference": normalised_with(stages, reference_sigma(stages)),
         "wrong_ids": wrong,
+        "places_with_two_numbers": {k: sorted(i) for k, i in named.items() if len(i) > 1},
         "numbers_on_two_places": {i: sorted(k) for i, k in moved.items() if len(k) > 1},
     }
 
@@ -262,7 +264,8 @@ def print_table(results: list[dict]) -> None:
         )
         print(
             f"  wrong IDs: {r['wrong_ids'] or 'none'}; numbers that moved between places: "
-            f"{r['numbers_on_two_places'] or 'none'}"
+            f"{r['numbers_on_two_places'] or 'none'}; places with two numbers: "
+            f"{r['places_with_two_numbers'] or 'none'}"
         )
         print(f"  standard deviation of points.csv, from repeats: {r['reference_sigma_mm']} mm")
         print("  points at no known place:", *(r["strangers"] or ["none"]), sep="\n    ")

@@ -117,6 +117,12 @@ class Targets:
         """(N, 2) standard deviations of the centre."""
         return np.sqrt(np.stack([self.cov[:, 0, 0], self.cov[:, 1, 1]], axis=1))
 
+    @property
+    def unique_id(self) -> IntArray:
+        """(N,) ``id``, -1 also where the same number stands at several places."""
+        _, inverse, count = np.unique(self.id, return_inverse=True, return_counts=True)
+        return np.where(count[inverse] > 1, np.int32(-1), self.id).astype(np.int32)
+
     def select(self, index: Any) -> Targets:
         """The targets of an index array or mask, in its order."""
         return Targets(**{name: getattr(self, name)[index] for name in _TARGET_FIELDS})

@@ -54,6 +54,10 @@ void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
   targets->resize(kept);
 }
 
+// An ID that stands at several places of one picture: a reading clearly worse
+// than the best is taken for wrong; equally clear rings keep the ID that they
+// show, marked, because which of two stickers is meant is not for one picture
+// to say.
 void ResolveDuplicates(std::vector<Target>* targets) {
   std::map<int, std::vector<Target*>> places;
   for (Target& target : *targets) {
@@ -65,7 +69,7 @@ void ResolveDuplicates(std::vector<Target>* targets) {
               [](const Target* a, const Target* b) { return a->ring.quality > b->ring.quality; });
     const bool first_is_true = same[0]->ring.quality > same[1]->ring.quality + kClearlyBetter;
     for (std::size_t i = first_is_true ? 1 : 0; i < same.size(); ++i) {
-      same[i]->ring.id.reset();
+      if (first_is_true) same[i]->ring.id.reset();
       same[i]->ring.status = RingStatus::kDuplicate;
     }
   }

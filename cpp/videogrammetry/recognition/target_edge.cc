@@ -223,10 +223,25 @@ bool IsFilled(const SignedImage<T>& image, const Refinement& r) {
   return dark <= 1;
 }
 
+/// Whether the grey values level off within the profiles, on both sides.
+///
+/// A print's edge is as wide as the picture is blurred, whatever the dot's size;
+/// a reflection fades with its own size and still falls where the profiles end.
+/// A quarter of the steepest fall there is that of a blur of 3.5 px / sqrt(2 ln 4)
+/// = 2.1 px, far more than a picture to measure in has. The profiles of dots
+/// under 8 px are shorter and tell nothing of it.
+bool EdgeEnds(const EdgeProfiles& profiles, const EdgeLevels& levels) {
+  if (profiles.inward < kProfileInward || profiles.outward < kProfileOutward) return true;
+  const Eigen::Index last = levels.mean_fall.size() - 2;
+  const float limit = 0.25f * levels.mean_fall.maxCoeff();
+  return levels.mean_fall[1] < limit && levels.mean_fall[last] < limit;
+}
+
 /// Whether this is a dot; see MeasureTargetEdge, 3.
 bool IsDot(const Refinement& r, const Ellipse& e, const ResidualSum& sum, double independent) {
   if (WorstRun(r) > 0.08) return false;
   if (r.levels.width_px > 0.45 * e.semi_minor_px + 0.3) return false;
+  if (!EdgeEnds(r.profiles, r.levels)) return false;
   // Noise differs from profile to profile, a wrong shape does not: a square's
   // residuals are 0.05 of its radius, a finger's or a lamp's more.
   const double shape_limit = 0.04 + 0.008 * e.semi_minor_px;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from videogrammetry.calibration.joint import calibrate_joint
 from videogrammetry.calibration.linking import link_cameras
@@ -13,9 +14,13 @@ from videogrammetry.calibration.result import calibration_run
 from videogrammetry.calibration.run import CalibrationOptions, CalibrationRun, CameraFrames
 from videogrammetry.calibration.start import start_camera
 from videogrammetry.calibration.volume import with_volume
+from videogrammetry.errors import CalibrationError
 from videogrammetry.types import PointSet
 
 METHODS = ("joint", "mean")
+# What a calibration that fits looks like: half a pixel, with nearly all points used.
+_FITS_PX = 0.5
+_FITS_SHARE = 0.8
 
 
 def calibrate(
@@ -59,8 +64,42 @@ def calibrate(
     options = options or CalibrationOptions()
     if options.method not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {options.method!r}")
-    began = time.perf_counter()
     check_input(cameras, target)
+    try:
+        return _calibrate(cameras, target, options)
+    except CalibrationError as error:
+        _check_mirrored(cameras, target, options, error)
+        raise
+
+
+def _check_mirrored(
+    cameras: Sequence[CameraFrames],
+    target: PointSet,
+    options: CalibrationOptions,
+    error: CalibrationError,
+) -> None:
+    """CalibrationError if the mirror image of a target that failed calibrates well.
+
+    What a left-handed target breaks first depends on its shape and on the
+    number of cameras, so that the failure itself would name something else.
+    """
+    mirrored = replace(target, position_mm=target.position_mm * [1.0, 1.0, -1.0], normal=None)
+    try:
+        run = _calibrate(cameras, mirrored, options)
+    except (CalibrationError, ValueError):
+        return
+    if run.rms_px < _FITS_PX and run.observations.used.mean() > _FITS_SHARE:
+        raise CalibrationError(
+            f"the mirror image of the target fits the pictures ({run.rms_px:.2f} px), the target "
+            "itself does not: its coordinates are left-handed, or the pictures are mirrored; "
+            "change the sign of one coordinate of the target, or mirror the pictures back"
+        ) from error
+
+
+def _calibrate(
+    cameras: Sequence[CameraFrames], target: PointSet, options: CalibrationOptions
+) -> CalibrationRun:
+    began = time.perf_counter()
     pictures = collect_pictures(cameras, target)
     starts = [start_camera(c, pictures.of_camera(i), target) for i, c in enumerate(cameras)]
     rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, target)

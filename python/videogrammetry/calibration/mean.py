@@ -151,7 +151,10 @@ def mean_relative_poses(
     cov = np.zeros((6 * count, 6 * count))
     response = np.zeros((6 * count, 10 * count))
     scatter: dict[str, list[float]] = {}
-    warnings: list[str] = []
+    warnings = [
+        "mean: the target's coordinates are taken for exact, so that their errors, common to all "
+        "pictures, are in no standard deviation; the method joint has them"
+    ]
     while len(placed) < count:
         # The first camera is preferred wherever it shares a stage.
         _, shared, p, c = max(

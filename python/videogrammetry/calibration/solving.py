@@ -174,6 +174,12 @@ def _doubts(bundle: Bundle, adjustment: Adjustment, cameras: Sequence[CameraFram
                 f"camera {cameras[camera].name}: its points scatter by {floor:.2f} px more than "
                 "their edges; look for bad pictures, a moved camera or a target that bends"
             )
+    rejected = 1.0 - float(adjustment.used.mean())
+    if rejected > 0.05:
+        warnings.append(
+            f"{rejected:.0%} of the points were rejected, where one in a hundred is usual: the "
+            "model does not fit (are too few parameters free?) or the pictures are bad"
+        )
     for d in adjustment.dropped:
         if d.undetermined:
             warnings.append(

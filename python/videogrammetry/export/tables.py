@@ -46,8 +46,11 @@ def trajectories_csv(measurement: Measurement) -> str:
 def motion_csv(measurement: Measurement) -> str:
     """The text of a motion CSV: displacement against the reference stage, velocity, centroid."""
     table, motion = measurement.trajectories, measurement.motion
-    s, p = np.nonzero(np.isfinite(motion.displacement_mm[..., 0]))
-    c = np.flatnonzero(np.isfinite(motion.centroid_displacement_mm[:, 0]))
+    # A point that the reference stage lacks has a velocity all the same.
+    known = np.isfinite(motion.displacement_mm) | np.isfinite(motion.velocity_mm_s)
+    s, p = np.nonzero(known[..., 0])
+    of_centroid = np.isfinite(motion.centroid_displacement_mm)
+    c = np.flatnonzero((of_centroid | np.isfinite(motion.centroid_velocity_mm_s))[:, 0])
     points = tuple(str(i) for i in table.point_id[p]) + (CENTROID,) * len(c)
     order = np.argsort(np.concatenate([s, c]), kind="stable")
     stage = np.concatenate([s, c])[order]

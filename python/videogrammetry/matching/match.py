@@ -87,7 +87,7 @@ def match_stage(
         _matching.CameraTargets(
             np.ascontiguousarray(t.centre_px),
             image_covariance(t, rig.sigma_floor_px.get(name, 0.0)) + more,
-            np.ascontiguousarray(t.id, dtype=np.int32),
+            np.ascontiguousarray(t.unique_id, dtype=np.int32),
             np.ascontiguousarray(t.semi_axes_px[:, 0]),
         )
         for name, t, more in zip(rig.cameras, targets, extra, strict=True)

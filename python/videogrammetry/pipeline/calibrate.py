@@ -81,7 +81,8 @@ def calibrate_project(
     progress(0, 1, "adjusting")
     run = calibrate(cameras, target, options)
     progress(1, 1, "adjusting")
-    origin = provenance(options, [*inputs, project.calibration.target], project.folder)
+    used = {"calibration": options, "cameras": project.cameras, "targets": project.targets}
+    origin = provenance(used, [*inputs, project.calibration.target], project.folder)
     how = {**origin, **run.rig.how}
     return dataclasses.replace(
         run,
@@ -109,7 +110,7 @@ def frame_targets(stage: int, image: str, targets: Targets) -> FrameTargets:
     return FrameTargets(
         stage=stage,
         image=image,
-        id=targets.id,
+        id=targets.unique_id,
         xy_px=targets.centre_px,
         cov_px2=np.stack(
             [targets.cov[:, 0, 0], targets.cov[:, 0, 1], targets.cov[:, 1, 1]], axis=1

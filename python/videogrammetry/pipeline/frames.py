@@ -113,4 +113,6 @@ def map_bounded(work: Callable[[T], R], items: Iterable[T], num_threads: int = 0
 
 def input_files(project: Project, sources: Mapping[str, JoinedSource]) -> list[str]:
     """The files that a result's provenance names."""
-    return [str(project.path), *(str(p) for source in sources.values() for p in source.paths)]
+    table = [project.targets.codes] if os.path.isfile(project.targets.codes) else []
+    pictures = [str(p) for source in sources.values() for p in source.paths]
+    return [str(project.path), *table, *pictures]

@@ -5,15 +5,13 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import MeasurementError, ProjectFileError
-from videogrammetry.matching import TARGET_STATUS, MatchingOptions, image_covariance, match_stage
+from videogrammetry.matching import MatchingOptions
 from videogrammetry.motion import MotionOptions, compute_motion
 from videogrammetry.pipeline.frames import (
     Progress,
@@ -25,50 +23,21 @@ from videogrammetry.pipeline.frames import (
     recognition_options,
     silent,
 )
+from videogrammetry.pipeline.stages import (
+    StageResult,
+    measure_stage,
+    nothing_measured,
+    refuse_senseless,
+    stage_warnings,
+    target_records,
+)
 from videogrammetry.project import Project, provenance, read_rig
 from videogrammetry.recognition import RecognitionOptions, code_family
-from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
+from videogrammetry.reconstruction import CalibrationField, Triangulator
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.tracking import build_trajectories, link_stages
-from videogrammetry.types import (
-    FrameSource,
-    IntArray,
-    Matches,
-    Measurement,
-    RigData,
-    StagePoints,
-    TargetRecords,
-    Targets,
-)
-
-
-@dataclass(frozen=True)
-class StageResult:
-    """One stage: what was seen, matched and reconstructed."""
-
-    targets: tuple[Targets, ...]
-    matches: Matches
-    points: StagePoints
-
-
-def measure_stage(
-    triangulator: Triangulator,
-    targets: Sequence[Targets],
-    options: MatchingOptions | None = None,
-    field: CalibrationField | None = None,
-) -> StageResult:
-    """Match and reconstruct the targets of one stage, one ``Targets`` a camera."""
-    rig = triangulator.rig
-    field = field or CalibrationField(triangulator)
-    uncertain = [field.covariance(i, t.centre_px) for i, t in enumerate(targets)]
-    matches = match_stage(rig, targets, options, uncertain)
-    cov = [
-        image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
-        for name, t in zip(rig.cameras, targets, strict=True)
-    ]
-    points = reconstruct_stage(triangulator, matches, [t.centre_px for t in targets], cov)
-    return StageResult(tuple(targets), matches, points)
+from videogrammetry.types import FrameSource, IntArray, Measurement, RigData
 
 
 def measure_frames(
@@ -105,10 +74,43 @@ def measure_frames(
         Naming camera or picture, and what to do.
     """
     recognition = recognition or RecognitionOptions()
+    matching = matching or MatchingOptions()
+    motion = motion or MotionOptions()
     sources = {name: as_source(source) for name, source in frames.items()}
     rig = _rig_in_order(rig, sources)
-    count = check_same_length(sources)
-    first, last = stages or (1, count)
+    first, last = stages or (1, check_same_length(sources))
+    stage = np.arange(first, last + 1, dtype=np.int32)
+    results = _measure_stages(rig, sources, stage, recognition, matching, progress, num_threads)
+    numbers = link_stages([r.points for r in results], first_free_id(recognition))
+    if not any(len(n) for n in numbers):
+        raise MeasurementError(nothing_measured(results))
+    time_s = (stage - 1) / frame_rate_hz if frame_rate_hz else np.full(len(stage), np.nan)
+    trajectories = build_trajectories(
+        [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
+    )
+    names = (tuple(s.name(i - 1) for i in stage.tolist()) for s in sources.values())
+    options = {"recognition": recognition, "matching": matching, "motion": motion}
+    return Measurement(
+        trajectories=trajectories,
+        motion=compute_motion(trajectories, motion),
+        targets=target_records(results, numbers, stage),
+        image_name=tuple(names),
+        frame_rate_hz=frame_rate_hz,
+        provenance=provenance({"stages": [first, last], **options, "rig": rig.how}),
+        warnings=tuple(stage_warnings(results, stage)),
+    )
+
+
+def _measure_stages(
+    rig: RigData,
+    sources: Mapping[str, FrameSource],
+    stage: IntArray,
+    recognition: RecognitionOptions,
+    matching: MatchingOptions,
+    progress: Progress,
+    num_threads: int,
+) -> list[StageResult]:
+    """Every stage by itself, several at a time."""
     triangulator = Triangulator(rig)
     field = CalibrationField(triangulator)
 
@@ -117,28 +119,11 @@ def measure_frames(
         return measure_stage(triangulator, targets, matching, field)
 
     results: list[StageResult] = []
-    for result in map_bounded(work, range(first - 1, last), num_threads):
+    for result in map_bounded(work, (stage - 1).tolist(), num_threads):
         results.append(result)
-        progress(len(results), last - first + 1, "measuring")
-
-    stage = np.arange(first, last + 1, dtype=np.int32)
-    rate = frame_rate_hz
-    time_s = (stage - 1) / rate if rate else np.full(len(stage), np.nan)
-    numbers = link_stages([r.points for r in results], first_free_id(recognition))
-    if not any(len(n) for n in numbers):
-        raise MeasurementError(_nothing_measured(results))
-    trajectories = build_trajectories(
-        [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
-    )
-    names = (tuple(s.name(i - 1) for i in stage.tolist()) for s in sources.values())
-    return Measurement(
-        trajectories=trajectories,
-        motion=compute_motion(trajectories, motion),
-        targets=_records(results, numbers, stage),
-        image_name=tuple(names),
-        frame_rate_hz=rate,
-        provenance=provenance({"stages": [first, last], "recognition": recognition}),
-    )
+        progress(len(results), len(stage), "measuring")
+    refuse_senseless(results)
+    return results
 
 
 def measure_project(
@@ -181,11 +166,11 @@ def measure_project(
         num_threads=num_threads,
     )
     origin = provenance(
-        {"stages": stages, "recognition": recognition, "rig": rig.how},
-        _inputs(project, sources),
-        project.folder,
+        measurement.provenance["options"], _inputs(project, sources), project.folder
     )
-    return dataclasses.replace(measurement, provenance=origin, warnings=tuple(warnings))
+    return dataclasses.replace(
+        measurement, provenance=origin, warnings=(*warnings, *measurement.warnings)
+    )
 
 
 def first_free_id(recognition: RecognitionOptions) -> int:
@@ -294,69 +279,5 @@ def _reference(project: Project, stages: tuple[int, int]) -> int:
 
 def _inputs(project: Project, sources: dict[str, JoinedSource]) -> list[str | os.PathLike[str]]:
     files: list[str | os.PathLike[str]] = [*input_files(project, sources)]
-    if project.rig_path.is_file():
-        files.append(Path(project.rig_path))
-    return files
-
-
-def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
-    """How many targets of all stages came to which end."""
-    status = np.concatenate([s for r in results for s in r.matches.status])
-    return {
-        name: int((status == code).sum())
-        for code, name in enumerate(TARGET_STATUS)
-        if (status == code).any()
-    }
-
-
-def _nothing_measured(results: Sequence[StageResult]) -> str:
-    counts = status_counts(results)
-    if not counts:
-        return (
-            f"no target was recognised in any of the {len(results)} stages: look at the pictures "
-            "with `videogrammetry recognize --overlay DIR`, and check polarity and diameter_px in "
-            "[targets]"
-        )
-    found = ", ".join(f"{count} {name}" for name, count in counts.items())
-    return (
-        f"targets were recognised but none could be matched between cameras ({found}): is the rig "
-        "that of these sequences, are the cameras synchronous and in the right order?"
-    )
-
-
-def _records(
-    results: Sequence[StageResult], numbers: Sequence[IntArray], stage: IntArray
-) -> TargetRecords:
-    rows = [
-        _picture_rows(result, ids, int(s), camera)
-        for result, ids, s in zip(results, numbers, stage, strict=True)
-        for camera in range(len(result.targets))
-    ]
-    fields = TargetRecords.__dataclass_fields__
-    return TargetRecords(**{name: np.concatenate([r[name] for r in rows]) for name in fields})
-
-
-def _picture_rows(
-    result: StageResult, numbers: IntArray, stage: int, camera: int
-) -> dict[str, npt.NDArray[Any]]:
-    targets = result.targets[camera]
-    n = len(targets)
-    point_id = np.full(n, -1, dtype=np.int32)
-    residual = np.full((n, 2), np.nan)
-    column = result.points.target[:, camera]
-    seen = np.flatnonzero(column >= 0)
-    point_id[column[seen]] = numbers[seen]
-    residual[column[seen]] = result.points.residual_px[seen, camera]
-    return {
-        "stage": np.full(n, stage, dtype=np.int32),
-        "camera": np.full(n, camera, dtype=np.int32),
-        "centre_px": targets.centre_px,
-        "semi_axes_px": targets.semi_axes_px,
-        "angle_rad": targets.angle_rad,
-        "sigma_px": targets.sigma_px,
-        "code_id": targets.id,
-        "point_id": point_id,
-        "residual_px": residual,
-        "match_status": result.matches.status[camera],
-        "ring_status": targets.ring_status,
-    }
+    rig_files = (project.rig_path, project.rig_path.with_suffix(".npz"))
+    return [*files, *(path for path in rig_files if path.is_file())]

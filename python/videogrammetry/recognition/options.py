@@ -13,7 +13,7 @@ RING_STATUS = (
     "edges off",  # 4: bright-dark changes do not fall on the sectors' borders
     "not in table",  # 5: a clear code that the family does not have
     "mirrored",  # 6: a code only when read in the other direction
-    "duplicate",  # 7: the same ID stands at several places of the picture
+    "duplicate",  # 7: the same ID stands elsewhere in the picture; kept if equally clear
 )
 
 

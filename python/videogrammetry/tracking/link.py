@@ -82,11 +82,11 @@ class _Linker:
         self.options = options
         self.next_id = first_free_id
         self.stages: list[_Snapshot] = []
-        self.last_seen: dict[int, int] = {}  # un-coded number -> index into stages
+        self.first_free_id = first_free_id
+        self.seen: dict[int, list[int]] = {}  # number -> indices into stages, ascending
 
     def add(self, points: StagePoints) -> IntArray:
         """Numbers for the points of the next stage."""
-        loose = np.flatnonzero(points.id < 0)
         sigma = np.sqrt(np.trace(points.cov_image_mm2, axis1=1, axis2=2) / 3)
         now = _Snapshot(points.id.astype(np.int32).copy(), points.position_mm, sigma)
         # What is linked guides what is not: bending is followed from the coded
@@ -97,21 +97,43 @@ class _Linker:
                 now.id[linked] = number
             if not links:
                 break
-        for row in loose:
-            if now.id[row] < 0:
-                now.id[row] = self.next_id
-                self.next_id += 1
-            self.last_seen[int(now.id[row])] = len(self.stages)
+        self._name_by_code(now)
+        for row in np.flatnonzero(now.id < 0):
+            now.id[row] = self.next_id
+            self.next_id += 1
+        for number in now.id.tolist():
+            self.seen.setdefault(number, []).append(len(self.stages))
         self.stages.append(now)
         return now.id
+
+    def _name_by_code(self, now: _Snapshot) -> None:
+        """Un-coded numbers that turn out to be a coded point whose ring was not read so far."""
+        predicted = self._predict(now)
+        loose = predicted.id >= self.first_free_id
+        coded = np.flatnonzero((now.id >= 0) & (now.id < self.first_free_id))
+        if not loose.any() or not len(coded):
+            return
+        gate = self._limit_by_spacing(predicted, now.position_mm)
+        found = cKDTree(now.position_mm[coded]).query(predicted.position_mm)
+        distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+        for k in np.flatnonzero(loose & (distance <= gate)):
+            number, code = int(predicted.id[k]), int(now.id[coded[nearest[k]]])
+            stages = self.seen[number]
+            if set(stages) & set(self.seen.get(code, [])):
+                continue  # seen side by side: two points
+            for stage in stages:
+                ids = self.stages[stage].id
+                ids[ids == number] = code
+            del self.seen[number]
+            self.seen[code] = sorted([*self.seen.get(code, []), *stages])
 
     def _predict(self, now: _Snapshot) -> _Predictions:
         """Where every missing known point should be, from the stage that saw it last."""
         found = set(now.id.tolist())
         by_stage: dict[int, list[int]] = {}
-        for number, stage in self.last_seen.items():
+        for number, stages in self.seen.items():
             if number not in found:
-                by_stage.setdefault(stage, []).append(number)
+                by_stage.setdefault(stages[-1], []).append(number)
         parts = [self._predict_from(self.stages[s], now, np.array(n)) for s, n in by_stage.items()]
         if not parts:
             return _Predictions(np.empty(0, np.int32), np.empty((0, 3)), np.empty(0))
@@ -193,10 +215,12 @@ def link_stages(
     """Number the points of every stage: codes keep theirs, un-coded get numbers that stay.
 
     An un-coded point is predicted from the stage that saw it last: by the
-    rigid motion of the coded points that both stages share; where the object
-    deforms, by that of the coded points around it; without coded points, at
-    its last place. It is linked to the measured point within the prediction's
-    gate, never farther than a share of the distance to the next point.
+    rigid motion of the identified points that both stages share; where the
+    object deforms, by that of the points around it; without any, at its last
+    place. It is linked to the measured point within the prediction's gate,
+    never farther than a share of the distance to the next point. A coded point
+    whose ring could not be read is followed alike, and an un-coded number whose
+    ring is read later becomes that code at all stages.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ TEST(RecognizeTest, CutByTheBorderIsNotMeasured) {
   EXPECT_TRUE(RecognizeIn(Render(100, 100, shapes)).empty());
 }
 
-TEST(RecognizeTest, SameIdTwiceIsTakenFromBoth) {
+TEST(RecognizeTest, SameIdTwiceIsMarkedAtBoth) {
   auto shapes = ThreeTargets();
   shapes[2].bits = shapes[0].bits;
   const auto targets = RecognizeIn(Render(220, 200, shapes));
@@ -104,7 +104,8 @@ TEST(RecognizeTest, SameIdTwiceIsTakenFromBoth) {
   for (const std::size_t i : {std::size_t{0}, std::size_t{2}}) {
     const Target* target = Nearest(targets, shapes[i].ellipse);
     ASSERT_NE(target, nullptr);
-    EXPECT_FALSE(target->ring.id.has_value());
+    EXPECT_EQ(target->ring.id, Nearest(targets, shapes[0].ellipse)->ring.id);
+    EXPECT_TRUE(target->ring.id.has_value());
     EXPECT_EQ(target->ring.status, RingStatus::kDuplicate);
   }
 }

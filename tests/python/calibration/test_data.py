@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import os
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from videogrammetry.calibration import CalibrationOptions, calibrate
+from videogrammetry.errors import CalibrationError
 
 BENCH = Path(__file__).resolve().parents[3] / "bench" / "accuracy" / "calibration_data.py"
 
@@ -62,3 +64,15 @@ def test_aicon_panel(data, method):
     run = calibrate(cameras, target, CalibrationOptions(method=method))
     assert abs(np.linalg.norm(run.rig.cameras["right"].translation_mm) - 591.23) < 0.25
     assert max(run.camera_rms_px.values()) < 0.04
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_left_handed_cross_is_named(data, count, axis):
+    """Whatever its failure breaks first: the message says that the target is mirrored."""
+    cameras, target, _ = data.rig_simulated("mild")
+    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+    mirrored = dataclasses.replace(target, position_mm=target.position_mm * sign)
+    with pytest.raises(CalibrationError, match="mirror image of the target fits"):
+        calibrate(cameras[:count], mirrored, CalibrationOptions(sigma_mm=0.1))

@@ -243,7 +243,8 @@ def test_the_same_id_twice_is_flagged():
     bits = scenes.code_bits(code_family("schneider-14").codes[50], 14)
     dots = [scenes.Dot(40 + 75 * k, 42.3, 10, 9, 0.3, bits, turn=0.9 * k) for k in range(2)]
     targets = recognize(scenes.quantise(scenes.render((90, 160), dots)))
-    assert targets.id.tolist() == [-1, -1]
+    assert targets.id.tolist() == [51, 51]
+    assert targets.unique_id.tolist() == [-1, -1]
     assert [RING_STATUS[s] for s in targets.ring_status] == ["duplicate"] * 2
 
 
@@ -263,3 +264,17 @@ def test_threads_give_the_same_result():
         thread.join()
     for result in results:
         np.testing.assert_array_equal(result, expected)
+
+
+# A print's edge is as wide as the blur, a reflection's fades with its size; one
+# that is clipped and small (below 8 px here) does so as fast as a print.
+@pytest.mark.parametrize(
+    ("sigma", "amplitude"),
+    [(5.0, 180.0), *((s, a) for s in (8.0, 12.0, 20.0, 30.0) for a in (180.0, 600.0))],
+)
+def test_a_hot_spot_is_no_target(sigma, amplitude):
+    rng = np.random.default_rng(1)
+    y, x = np.mgrid[:240, :240]
+    spot = amplitude * np.exp(-((x - 120.3) ** 2 + (y - 118.6) ** 2) / (2 * sigma**2))
+    grey = np.clip(20 + spot + rng.normal(0, 1.5, spot.shape), 0, 255)
+    assert len(recognize(grey.astype(np.uint8))) == 0

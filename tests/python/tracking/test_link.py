@@ -118,3 +118,24 @@ def test_no_stage_and_empty_stage():
     numbers = link_stages([full, empty, full], 517)
     assert len(numbers[1]) == 0
     np.testing.assert_array_equal(numbers[0], numbers[2])
+
+
+@pytest.mark.parametrize("unread", [[2], [0], [0, 1], [3, 4]])
+def test_a_code_that_some_stages_cannot_read_keeps_its_number(unread):
+    rng = np.random.default_rng(7)
+    position, code = panel()
+    lost = np.flatnonzero(code > 0)[5]
+    stages, orders = [], []
+    for s in range(6):
+        rotation = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)).as_matrix()
+        seen = code.copy()
+        if s in unread:
+            seen[lost] = -1
+        points, order = stage_points(position @ rotation.T + rng.uniform(-300, 300, 3), seen, rng)
+        stages.append(points)
+        orders.append(order)
+    numbers = link_stages(stages, 517)
+    for order, ids in zip(orders, numbers, strict=True):
+        assert ids[np.flatnonzero(order == lost)[0]] == code[lost]
+    uncoded = {int(i) for ids in numbers for i in ids if i >= 517}
+    assert len(uncoded) == (code < 0).sum()

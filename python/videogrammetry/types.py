@@ -363,7 +363,9 @@ class Measurement:
     """Everything that ``measure`` found: what measurement.h5 holds.
 
     ``image_name[c][s]`` is the picture of camera c at the s-th stage;
-    ``provenance`` has version, options, hashes of the inputs and time.
+    ``provenance`` has version, options, hashes of the inputs and time;
+    ``flag_meanings`` names the values of ``targets.match_status`` and
+    ``targets.ring_status``.
     """
 
     trajectories: Trajectories
@@ -373,3 +375,4 @@ class Measurement:
     frame_rate_hz: float | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    flag_meanings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

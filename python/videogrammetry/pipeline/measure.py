@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import MeasurementError, ProjectFileError
-from videogrammetry.matching import MatchingOptions
+from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, compute_motion
 from videogrammetry.pipeline.frames import (
     Progress,
@@ -32,7 +32,7 @@ from videogrammetry.pipeline.stages import (
     target_records,
 )
 from videogrammetry.project import Project, provenance, read_rig
-from videogrammetry.recognition import RecognitionOptions, code_family
+from videogrammetry.recognition import RING_STATUS, RecognitionOptions, code_family
 from videogrammetry.reconstruction import CalibrationField, Triangulator
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
@@ -98,6 +98,7 @@ def measure_frames(
         frame_rate_hz=frame_rate_hz,
         provenance=provenance({"stages": [first, last], **options, "rig": rig.how}),
         warnings=tuple(stage_warnings(results, stage)),
+        flag_meanings={"match_status": TARGET_STATUS, "ring_status": RING_STATUS},
     )
 
 

@@ -83,6 +83,12 @@ def write_measurement(path: str | os.PathLike[str], measurement: Measurement) ->
         _write_group(file, "", measurement.trajectories, _TRAJECTORIES)
         _write_group(file, "", measurement.motion, _MOTION)
         _write_group(file, "target_", measurement.targets, _TARGETS)
+        for name, meanings in measurement.flag_meanings.items():
+            attributes = file["target_" + name].attrs  # CF conventions, section 3.5
+            attributes["flag_values"] = np.arange(len(meanings), dtype=np.uint8)
+            attributes["flag_meanings"] = " ".join(m.replace(" ", "_") for m in meanings)
+        for name in (n for n in _MOTION if "_cov_" in n and n != "centroid_cov_mm2"):
+            file[name].attrs["comment"] = "from the image noise; the calibration is common to both"
         _write(file, "centroid_point_id", measurement.motion.centroid_points, ("centroid",), "1")
         names = np.array(measurement.image_name, dtype=object)
         text = h5py.string_dtype()
@@ -200,4 +206,9 @@ def _read(file: h5py.File) -> Measurement:
         frame_rate_hz=None if rate is None else float(rate),
         provenance=json.loads(file.attrs["provenance"]),
         warnings=tuple(json.loads(file.attrs["warnings"])),
+        flag_meanings={
+            name: tuple(m.replace("_", " ") for m in attributes["flag_meanings"].split())
+            for name in _TARGETS
+            if "flag_meanings" in (attributes := file["target_" + name].attrs)
+        },
     )

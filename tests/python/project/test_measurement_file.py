@@ -55,6 +55,7 @@ def measurement():
         frame_rate_hz=50.0,
         provenance={"version": "0", "options": {"a": [1, None]}},
         warnings=("a warning",),
+        flag_meanings={"ring_status": ("coded", "no ring", "ring cut")},
     )
 
 

@@ -88,10 +88,7 @@ def summary(result: CalibrationRun) -> str:
         camera = result.rig.cameras[name]
         mine = used & (result.observations.camera == index)
         pictures = len(np.unique(result.observations.stage[mine]))
-        baseline = np.linalg.norm(
-            _centre(camera.rotation, camera.translation_mm)
-            - _centre(first.rotation, first.translation_mm)
-        )
+        baseline = np.linalg.norm(camera.centre_mm - first.centre_mm)
         sigma = camera.sigma.get("f")
         rows.append(
             [
@@ -112,9 +109,3 @@ def summary(result: CalibrationRun) -> str:
         f"{result.seconds:.1f} s\n"
     )
     return text_table(header, rows) + total
-
-
-def _centre(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
-    """Projection centre in the rig's frame: -R' t."""
-    centre: np.ndarray = -np.asarray(rotation).T @ np.asarray(translation_mm)
-    return centre

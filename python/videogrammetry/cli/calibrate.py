@@ -90,18 +90,21 @@ def summary(result: CalibrationRun) -> str:
         pictures = len(np.unique(result.observations.stage[mine]))
         baseline = np.linalg.norm(camera.centre_mm - first.centre_mm)
         sigma = camera.sigma.get("f")
+        floor = result.rig.sigma_floor_px.get(name)
         rows.append(
             [
                 name,
                 str(pictures),
                 str(int(mine.sum())),
                 f"{result.camera_rms_px[name]:.4f}",
+                "" if floor is None else f"{floor:.4f}",
                 f"{camera.interior[0]:.2f}",
                 "" if sigma is None else f"{sigma:.2f}",
                 f"{baseline:.2f}",
             ]
         )
-    header = ["camera", "pictures", "points", "RMS px", "f px", "sigma f", "baseline mm"]
+    header = ["camera", "pictures", "points", "RMS px", "floor px"]
+    header += ["f px", "sigma f", "baseline mm"]
     total = (
         f"{result.method}: sigma0 {result.sigma0:.3f}, RMS {result.rms_px:.4f} px, "
         f"{result.num_observations} observations, {result.num_unknowns} unknowns, "

@@ -17,6 +17,7 @@ import tifffile
 from calibration_fakes import fake_run
 from PIL import Image
 
+from videogrammetry.cli.calibrate import summary
 from videogrammetry.project import read_rig, read_targets, write_rig
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -282,6 +283,16 @@ def test_a_truncated_picture_stops_a_calibration(run: Run, project: Path) -> Non
 def test_calibration_that_cannot_succeed(run: Run, project: Path) -> None:
     complaint(run("calibrate", "project.toml", status=1), "calibrate")
     assert not list(project.glob("rig[.-]*"))
+
+
+def test_calibration_summary_states_the_floor_of_every_camera() -> None:
+    result = fake_run()
+    header, *rows = summary(result).splitlines()
+    columns = [column.strip() for column in header.split("  ") if column]
+    assert columns[3:6] == ["RMS px", "floor px", "f px"]
+    for name, row in zip(result.camera_names, rows, strict=False):
+        assert row.split()[0] == name
+        assert row.split()[4] == f"{result.rig.sigma_floor_px[name]:.4f}"
 
 
 def test_measure_without_a_rig(run: Run, project: Path) -> None:

@@ -13,6 +13,7 @@ from videogrammetry.cli.common import SubParsers, add_force, add_verb, write_res
 from videogrammetry.cli.progress import Progress
 from videogrammetry.pipeline.frames import map_bounded, read_and_recognize
 from videogrammetry.project import format_targets, refuse_overwrite, target_table
+from videogrammetry.project.atomic import nearest_folder
 from videogrammetry.recognition.options import RecognitionOptions
 from videogrammetry.report import write_overlay
 from videogrammetry.sequence import JoinedSource, open_sequence
@@ -87,8 +88,7 @@ def run(args: argparse.Namespace) -> int:
     source = open_sequence(args.inputs, same_size=False)
     names = frame_names(source)
     overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
-    for path in [*overlays, *([args.out] if args.out else [])]:
-        refuse_overwrite(path, args.force)
+    _check_outputs(args.out, args.overlay, overlays, args.force)
     if overlays:
         args.overlay.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=args.overlay.parent, prefix=".overlay-") as scratch:
@@ -106,6 +106,17 @@ def run(args: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return 0
+
+
+def _check_outputs(
+    out: Path | None, folder: Path | None, overlays: list[Path], force: bool
+) -> None:
+    """Raises for what cannot be written; overlays make their own folder."""
+    if out is not None:
+        refuse_overwrite(out, force)
+    if folder is not None and nearest_folder(folder) == folder:
+        for path in overlays:
+            refuse_overwrite(path, force)
 
 
 def _diameter(values: tuple[float, float]) -> tuple[float, float]:

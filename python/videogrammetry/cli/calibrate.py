@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from videogrammetry.calibration.run import CalibrationRun
-from videogrammetry.cli.common import SubParsers, add_force, add_verb, text_table
+from videogrammetry.cli.common import SubParsers, UsageError, add_force, add_verb, text_table
 from videogrammetry.cli.progress import Progress
 from videogrammetry.project import read_project, refuse_overwrite, write_rig, write_text
 
@@ -42,10 +42,10 @@ def add_parser(verbs: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrates and writes rig, covariance and report."""
+    if args.out is not None and args.out.suffix != ".json":
+        raise UsageError(f"--out: expected a name ending in .json, got {args.out}")
     project = read_project(args.project)
     rig_path: Path = args.out or project.rig_path
-    if rig_path.suffix != ".json":
-        raise ValueError(f"--out: expected a name ending in .json, got {rig_path}")
     report_path = report_path_of(rig_path)
     for path in (rig_path, rig_path.with_suffix(".npz"), report_path):
         refuse_overwrite(path, args.force)

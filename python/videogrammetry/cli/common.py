@@ -13,6 +13,10 @@ from videogrammetry.project import refuse_overwrite, write_text
 SubParsers = Any  # argparse names the type of add_subparsers() only privately
 
 
+class UsageError(ValueError):
+    """An option is wrong in itself, whatever the files hold: exit status 2."""
+
+
 def add_verb(
     verbs: SubParsers,
     name: str,

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from videogrammetry.cli.common import SubParsers, add_force, add_verb
+from videogrammetry.cli.common import SubParsers, UsageError, add_force, add_verb
 from videogrammetry.project import read_measurement, read_project, refuse_overwrite, write_text
 
 SUFFIXES = (".csv",)
@@ -40,12 +40,12 @@ def add_parser(verbs: SubParsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Exports the project's measurement."""
     if args.file.suffix.lower() not in SUFFIXES:
-        raise ValueError(
+        raise UsageError(
             f"{args.file}: {args.file.suffix or 'no suffix'!r} is no format known here; "
             f"known: {', '.join(SUFFIXES)}"
         )
     if args.stage is not None and args.what != "points":
-        raise ValueError("--stage goes with --what points only; leave one of them out")
+        raise UsageError("--stage goes with --what points only; leave one of them out")
     project = read_project(args.project)
     refuse_overwrite(args.file, args.force)
 

@@ -9,12 +9,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from videogrammetry.cli.common import SubParsers, add_force, add_verb, write_result
+import numpy as np
+
+from videogrammetry.cli.common import SubParsers, UsageError, add_force, add_verb, write_result
 from videogrammetry.cli.progress import Progress
 from videogrammetry.pipeline.frames import map_bounded, read_and_recognize
 from videogrammetry.project import format_targets, refuse_overwrite, target_table
 from videogrammetry.project.atomic import nearest_folder
-from videogrammetry.recognition.options import RecognitionOptions
+from videogrammetry.recognition import RecognitionOptions, code_family, recognize
 from videogrammetry.report import write_overlay
 from videogrammetry.sequence import JoinedSource, open_sequence
 from videogrammetry.types import Targets
@@ -78,13 +80,7 @@ def add_parser(verbs: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Recognises all pictures, then writes; a bad one stops it before anything is written."""
-    options = RecognitionOptions(
-        codes=args.codes,
-        direction=args.direction,
-        polarity=args.polarity,
-        diameter_px=_diameter(args.diameter_px),
-        method=args.method,
-    )
+    options = _options(args)
     source = open_sequence(args.inputs, same_size=False)
     names = frame_names(source)
     overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
@@ -119,14 +115,27 @@ def _check_outputs(
             refuse_overwrite(path, force)
 
 
-def _diameter(values: tuple[float, float]) -> tuple[float, float]:
-    smallest, largest = values
-    if not 0 < smallest < largest:
-        raise ValueError(
-            f"--diameter-px: expected 0 < MIN < MAX, got {smallest:g} {largest:g}; "
-            "give the smallest and the largest diameter in pixels"
-        )
-    return smallest, largest
+def _options(args: argparse.Namespace) -> RecognitionOptions:
+    """The options, tried on a blank picture: whatever is wrong with them shows there."""
+    smallest, largest = args.diameter_px
+    options = RecognitionOptions(
+        codes=args.codes,
+        direction=args.direction,
+        polarity=args.polarity,
+        diameter_px=(smallest, largest),
+        method=args.method,
+    )
+    try:
+        recognize(np.zeros((16, 16), np.uint8), options)
+    except ValueError as error:
+        if Path(options.codes).is_file():
+            code_family(options.codes)  # a table that is wrong is named as it is
+        # The message begins with the field's name; people know the option's.
+        field, colon, rest = str(error).partition(": ")
+        known = colon and field in RecognitionOptions.__dataclass_fields__
+        option = f"--{field.replace('_', '-')}: {rest}" if known else f"--codes: {error}"
+        raise UsageError(option) from error
+    return options
 
 
 def frame_names(source: JoinedSource) -> list[str]:

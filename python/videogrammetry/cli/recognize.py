@@ -16,7 +16,7 @@ from videogrammetry.cli.progress import Progress
 from videogrammetry.pipeline.frames import map_bounded, read_and_recognize
 from videogrammetry.project import format_targets, refuse_overwrite, target_table
 from videogrammetry.project.atomic import nearest_folder
-from videogrammetry.recognition import RecognitionOptions, code_family, recognize
+from videogrammetry.recognition import RING_STATUS, RecognitionOptions, code_family, recognize
 from videogrammetry.report import write_overlay
 from videogrammetry.sequence import JoinedSource, open_sequence
 from videogrammetry.types import Targets
@@ -98,10 +98,19 @@ def run(args: argparse.Namespace) -> int:
     write_result(args.out, format_targets(table), args.force)
     coded = int((table.id >= 0).sum())
     print(
-        f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets",
+        f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets"
+        f"{_reasons(found)}",
         file=sys.stderr,
     )
     return 0
+
+
+def _reasons(found: list[Targets]) -> str:
+    """Why targets have no ID, in the order of ``RING_STATUS``: `` (5 no ring, 2 ring cut)``."""
+    status = np.concatenate([t.ring_status[t.id < 0] for t in found])
+    counts = np.bincount(status, minlength=len(RING_STATUS)).tolist()
+    parts = [f"{n} {name}" for n, name in zip(counts, RING_STATUS, strict=True) if n]
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def _check_outputs(

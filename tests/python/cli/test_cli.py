@@ -106,6 +106,16 @@ def test_recognize_writes_a_table_and_overlays(run: Run, tmp_path: Path, picture
     assert sorted(p.name for p in tmp_path.iterdir()) == ["o", "pictures", "t.csv"]
 
 
+def test_recognize_counts_why_targets_have_no_id(run: Run, tmp_path: Path) -> None:
+    x, y = np.meshgrid(np.arange(200), np.arange(100))
+    ring = np.hypot(x - 15, y - 50)  # its code ring, 20 to 30 px, leaves the picture
+    image = dots([(15, 50), (120, 50)], (200, 100))
+    image[(ring > 20) & (ring < 30)] = 220
+    tifffile.imwrite(tmp_path / "a.tif", image)
+    result = run("recognize", "a.tif", "--out", "t.csv")
+    assert "1 pictures: 0 coded, 2 un-coded targets (1 no ring, 1 ring cut)" in result.stderr
+
+
 def test_recognize_to_standard_output(run: Run, pictures: Path) -> None:
     result = run("recognize", "pictures/img*.tif")
     header, *rows = result.stdout.splitlines()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -85,17 +87,17 @@ def run(args: argparse.Namespace) -> int:
     names = frame_names(source)
     overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
     _check_outputs(args.out, args.overlay, overlays, args.force)
-    if overlays:
-        args.overlay.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=args.overlay.parent, prefix=".overlay-") as scratch:
-            found = _recognize_all(source, names, options, Path(scratch))
-            args.overlay.mkdir(exist_ok=True)
+    with _scratch_folder(args.overlay) as scratch:
+        found = _recognize_all(source, names, options, scratch)
+        table = target_table((name, "", None, t) for name, t in zip(names, found, strict=True))
+        if args.out is not None:  # first: if it fails, no overlay is left behind
+            write_result(args.out, format_targets(table), args.force)
+        if scratch is not None:
+            args.overlay.mkdir(parents=True, exist_ok=True)
             for path in overlays:
-                os.replace(Path(scratch) / path.name, path)
-    else:
-        found = _recognize_all(source, names, options, None)
-    table = target_table((name, "", None, t) for name, t in zip(names, found, strict=True))
-    write_result(args.out, format_targets(table), args.force)
+                os.replace(scratch / path.name, path)
+    if args.out is None:
+        write_result(None, format_targets(table), args.force)
     coded = int((table.id >= 0).sum())
     print(
         f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets"
@@ -103,6 +105,16 @@ def run(args: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return 0
+
+
+@contextlib.contextmanager
+def _scratch_folder(overlay: Path | None) -> Iterator[Path | None]:
+    """Where overlays wait until all are drawn; on the disk of their folder, to be moved at once."""
+    if overlay is None:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(dir=nearest_folder(overlay), prefix=".overlay-") as scratch:
+        yield Path(scratch)
 
 
 def _reasons(found: list[Targets]) -> str:

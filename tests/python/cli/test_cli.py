@@ -18,6 +18,7 @@ from calibration_fakes import fake_run
 from PIL import Image
 
 from videogrammetry.cli.calibrate import summary
+from videogrammetry.cli.main import main
 from videogrammetry.project import read_rig, read_targets, write_rig
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -137,6 +138,45 @@ def test_nothing_is_overwritten_without_force(run: Run, tmp_path: Path, pictures
     (tmp_path / "o" / "img2.tif.png").touch()
     message = complaint(run("recognize", "pictures", "--overlay", "o", status=1), "recognize")
     assert "img2.tif.png" in message
+
+
+def test_a_table_that_cannot_be_written_leaves_no_overlays(
+    run: Run, tmp_path: Path, pictures: Path
+) -> None:
+    args = ("recognize", "pictures", "--overlay", "new/o", "--out", "nothere/x.csv")
+    message = complaint(run(*args, status=1), "recognize")
+    assert "nothere/x.csv cannot be written: there is no folder nothere" in message
+    assert [p.name for p in tmp_path.iterdir()] == ["pictures"]
+
+
+def test_a_table_that_fails_in_the_end_leaves_no_overlays(
+    tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = os.replace
+    tried: list[str] = []
+
+    def refuse_table(source: Path, target: Path) -> None:
+        tried.append(Path(target).name)
+        if tried[-1] == "t.csv":
+            raise OSError(5, "Input/output error")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", refuse_table)
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    args = ["recognize", "pictures", "--codes", "none", "--out", "t.csv"]
+    assert main([*args, "--overlay", "new/o"]) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+    assert tried[-1] == "t.csv"
+
+
+def test_overlays_go_into_folders_yet_to_be_made(run: Run, tmp_path: Path, pictures: Path) -> None:
+    run("recognize", "pictures", "--overlay", "new/o", "--out", "t.csv")
+    assert len(list((tmp_path / "new" / "o").iterdir())) == 3
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "pictures", "t.csv"]
+    (tmp_path / "full").touch()
+    message = complaint(run("recognize", "pictures", "--overlay", "full", status=1), "recognize")
+    assert "full is no folder" in message
 
 
 def spoil_text(path: Path) -> None:

@@ -8,16 +8,24 @@ import contextlib
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from videogrammetry.cli.common import SubParsers, UsageError, add_force, add_verb, write_result
+from videogrammetry.cli.common import (
+    SubParsers,
+    UsageError,
+    add_force,
+    add_verb,
+    refuse_overwrite_table,
+)
 from videogrammetry.cli.progress import Progress
 from videogrammetry.pipeline.frames import map_bounded, read_and_recognize
-from videogrammetry.project import format_targets, refuse_overwrite, target_table
+from videogrammetry.project import format_targets, provenance, refuse_overwrite, target_table
 from videogrammetry.project.atomic import nearest_folder
+from videogrammetry.project.provenance import write_with_provenance
 from videogrammetry.recognition import RING_STATUS, RecognitionOptions, code_family, recognize
 from videogrammetry.report import write_overlay
 from videogrammetry.sequence import JoinedSource, open_sequence
@@ -44,7 +52,12 @@ def add_parser(verbs: SubParsers) -> None:
         metavar="INPUT",
         help="pictures, stacks, folders or quoted patterns (*, ?, [..], {a,b})",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="targets CSV (default: stdout)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="targets CSV, its provenance in FILE.provenance.json beside it (default: stdout)",
+    )
     parser.add_argument(
         "--overlay", type=Path, metavar="DIR", help="write the pictures with the targets drawn in"
     )
@@ -88,16 +101,18 @@ def run(args: argparse.Namespace) -> int:
     overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
     _check_outputs(args.out, args.overlay, overlays, args.force)
     with _scratch_folder(args.overlay) as scratch:
-        found = _recognize_all(source, names, options, scratch)
+        origin = _Origin(source, options) if args.out or args.overlay else None
+        found = _recognize_all(source, names, options, scratch, origin)
         table = target_table((name, "", None, t) for name, t in zip(names, found, strict=True))
-        if args.out is not None:  # first: if it fails, no overlay is left behind
-            write_result(args.out, format_targets(table), args.force)
+        if args.out is not None and origin is not None:
+            # First: if it fails, no overlay is left behind.
+            write_with_provenance(args.out, format_targets(table), origin.of_all)
         if scratch is not None:
             args.overlay.mkdir(parents=True, exist_ok=True)
             for path in overlays:
                 os.replace(scratch / path.name, path)
     if args.out is None:
-        write_result(None, format_targets(table), args.force)
+        sys.stdout.write(format_targets(table))
     coded = int((table.id >= 0).sum())
     print(
         f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets"
@@ -125,12 +140,33 @@ def _reasons(found: list[Targets]) -> str:
     return f" ({', '.join(parts)})" if parts else ""
 
 
+class _Origin:
+    """The provenance of the table, and of the overlay of each frame, which names its file alone."""
+
+    def __init__(self, source: JoinedSource, options: RecognitionOptions) -> None:
+        codes = [Path(options.codes)] if Path(options.codes).is_file() else []
+        files = dict.fromkeys([*codes, *source.paths])
+        self._source = source
+        self._codes = codes
+        self._made = provenance(options)
+        self._hashes = {f: provenance(None, [f], Path.cwd())["inputs_sha256"] for f in files}
+        self.of_all = self._of_files(files)
+
+    def of_frame(self, index: int) -> dict[str, Any]:
+        """As ``of_all``, of one frame."""
+        return self._of_files([*self._codes, self._source.file(index)])
+
+    def _of_files(self, files: Iterable[Path]) -> dict[str, Any]:
+        merged = {name: value for f in files for name, value in self._hashes[f].items()}
+        return {**self._made, "inputs_sha256": merged}
+
+
 def _check_outputs(
     out: Path | None, folder: Path | None, overlays: list[Path], force: bool
 ) -> None:
     """Raises for what cannot be written; overlays make their own folder."""
     if out is not None:
-        refuse_overwrite(out, force)
+        refuse_overwrite_table(out, force)
     if folder is not None and nearest_folder(folder) == folder:
         for path in overlays:
             refuse_overwrite(path, force)
@@ -188,13 +224,17 @@ def overlay_name(name: str) -> str:
 
 
 def _recognize_all(
-    source: JoinedSource, names: list[str], options: RecognitionOptions, overlay: Path | None
+    source: JoinedSource,
+    names: list[str],
+    options: RecognitionOptions,
+    overlay: Path | None,
+    origin: _Origin | None,
 ) -> list[Targets]:
     def one(index: int) -> Targets:
         targets = read_and_recognize(source, index, options)
-        if overlay is not None:
+        if overlay is not None and origin is not None:
             path = overlay / overlay_name(names[index])
-            write_overlay(path, source.read(index), targets, names[index])
+            write_overlay(path, source.read(index), targets, names[index], origin.of_frame(index))
         return targets
 
     progress = Progress("recognize", "pictures")

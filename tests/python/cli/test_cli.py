@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -15,11 +16,13 @@ import numpy as np
 import pytest
 import tifffile
 from calibration_fakes import fake_run
+from measurement_fakes import fake_measurement
 from PIL import Image
 
 from videogrammetry.cli.calibrate import summary
 from videogrammetry.cli.main import main
-from videogrammetry.project import read_rig, read_targets, write_rig
+from videogrammetry.project import read_rig, read_targets, write_measurement, write_rig
+from videogrammetry.version import __version__
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 VERBS = ("recognize", "calibrate", "measure", "export", "info", "doctor")
@@ -104,7 +107,8 @@ def test_recognize_writes_a_table_and_overlays(run: Run, tmp_path: Path, picture
     assert overlays == ["img1.tif.png", "img10.tif.png", "img2.tif.png"]
     with Image.open(tmp_path / "o" / overlays[0]) as image:
         image.load()
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["o", "pictures", "t.csv"]
+    files = ["o", "pictures", "t.csv", "t.csv.provenance.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == files
 
 
 def test_recognize_counts_why_targets_have_no_id(run: Run, tmp_path: Path) -> None:
@@ -123,6 +127,7 @@ def test_recognize_to_standard_output(run: Run, pictures: Path) -> None:
     assert header.startswith("image,camera,stage,id,x_px,y_px,")
     assert len(rows) == 6
     assert rows[0].startswith("img1.tif,,,,")
+    assert [p.name for p in pictures.parent.iterdir()] == ["pictures"]
     assert "recognize: 3/3 pictures" in result.stderr
 
 
@@ -173,10 +178,45 @@ def test_a_table_that_fails_in_the_end_leaves_no_overlays(
 def test_overlays_go_into_folders_yet_to_be_made(run: Run, tmp_path: Path, pictures: Path) -> None:
     run("recognize", "pictures", "--overlay", "new/o", "--out", "t.csv")
     assert len(list((tmp_path / "new" / "o").iterdir())) == 3
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "pictures", "t.csv"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *("new", "pictures", "t.csv", "t.csv.provenance.json")
+    ]
     (tmp_path / "full").touch()
     message = complaint(run("recognize", "pictures", "--overlay", "full", status=1), "recognize")
     assert "full is no folder" in message
+
+
+def test_outputs_of_recognize_carry_their_provenance(
+    run: Run, tmp_path: Path, pictures: Path
+) -> None:
+    run("recognize", "pictures", "--codes", "none", "--out", "t.csv", "--overlay", "o")
+    origin = json.loads((tmp_path / "t.csv.provenance.json").read_text())
+    assert (origin["program"], origin["version"]) == ("videogrammetry", __version__)
+    assert origin["options"]["codes"] == "none"
+    assert origin["options"]["diameter_px"] == [5.0, 200.0]
+    hashes = {
+        f"pictures/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in pictures.iterdir()
+    }
+    assert origin["inputs_sha256"] == hashes
+    with Image.open(tmp_path / "o" / "img2.tif.png") as image:
+        drawn = json.loads(image.text["provenance"])
+    name = "pictures/img2.tif"
+    assert drawn == {**origin, "inputs_sha256": {name: hashes[name]}}
+    # Provenance is as safe from being overwritten as the table itself.
+    (tmp_path / "t.csv").unlink()
+    message = complaint(run("recognize", "pictures", "--out", "t.csv", status=1), "recognize")
+    assert "t.csv.provenance.json is there already" in message
+    run("recognize", "pictures", "--out", "t.csv", "--force")
+    origin = json.loads((tmp_path / "t.csv.provenance.json").read_text())
+    assert origin["options"]["codes"] == "schneider-14"
+
+
+def test_a_code_table_is_among_the_inputs(run: Run, tmp_path: Path, pictures: Path) -> None:
+    (tmp_path / "table.toml").write_text("bits = 12\ncodes = [65, 71]\n")
+    run("recognize", "pictures/img1.tif", "--codes", "table.toml", "--out", "t.csv")
+    origin = json.loads((tmp_path / "t.csv.provenance.json").read_text())
+    assert list(origin["inputs_sha256"]) == ["table.toml", "pictures/img1.tif"]
 
 
 def spoil_text(path: Path) -> None:
@@ -421,6 +461,22 @@ def test_info_of_everything(run: Run, tmp_path: Path, project: Path) -> None:
         assert words in run("info", name).stdout, name
     for name in ("nothere.json", "nothere.csv", "nothere.h5", "nothere.toml", "nothere"):
         assert "nothere" in complaint(run("info", name, status=1), "info")
+
+
+def test_an_exported_table_carries_its_provenance(run: Run, project: Path) -> None:
+    write_measurement(project / "measurement.h5", fake_measurement())
+    run("export", "project.toml", "m.csv", "--what", "motion")
+    origin = json.loads((project / "m.csv.provenance.json").read_text())
+    assert origin["program"] == "videogrammetry"
+    assert origin["options"] == {"what": "motion", "stage": None}
+    assert origin["inputs_sha256"] == {
+        name: hashlib.sha256((project / name).read_bytes()).hexdigest()
+        for name in ("project.toml", "measurement.h5")
+    }
+    (project / "m.csv").unlink()
+    message = complaint(run("export", "project.toml", "m.csv", status=1), "export")
+    assert "m.csv.provenance.json is there already" in message
+    run("export", "project.toml", "m.csv", "--force")
 
 
 def test_export_of_nothing(run: Run, project: Path) -> None:

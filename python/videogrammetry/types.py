@@ -193,6 +193,22 @@ class RigCamera:
     measured: bool = True
     sigma: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def centre_mm(self) -> FloatArray:
+        """(3,) projection centre in the rig's frame: -R' t.
+
+        Examples
+        --------
+        >>> turned = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+        >>> camera = RigCamera(
+        ...     image_size_px=(640, 480), interior=np.zeros(10), r0_px=200.0,
+        ...     rotation=turned, translation_mm=np.array([-2.0, 1, -3]),
+        ... )
+        >>> camera.centre_mm.tolist()
+        [1.0, 2.0, 3.0]
+        """
+        return np.asarray(-self.rotation.T @ self.translation_mm)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RigData:

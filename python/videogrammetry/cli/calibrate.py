@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from videogrammetry.calibration.run import CalibrationRun
-from videogrammetry.cli.common import SubParsers, add_force, add_verb, text_table
+from videogrammetry.cli.common import SubParsers, UsageError, add_force, add_verb, text_table
 from videogrammetry.cli.progress import Progress
 from videogrammetry.project import read_project, refuse_overwrite, write_rig, write_text
 
@@ -42,10 +42,10 @@ def add_parser(verbs: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrates and writes rig, covariance and report."""
+    if args.out is not None and args.out.suffix != ".json":
+        raise UsageError(f"--out: expected a name ending in .json, got {args.out}")
     project = read_project(args.project)
     rig_path: Path = args.out or project.rig_path
-    if rig_path.suffix != ".json":
-        raise ValueError(f"--out: expected a name ending in .json, got {rig_path}")
     report_path = report_path_of(rig_path)
     for path in (rig_path, rig_path.with_suffix(".npz"), report_path):
         refuse_overwrite(path, args.force)
@@ -88,23 +88,23 @@ def summary(result: CalibrationRun) -> str:
         camera = result.rig.cameras[name]
         mine = used & (result.observations.camera == index)
         pictures = len(np.unique(result.observations.stage[mine]))
-        baseline = np.linalg.norm(
-            _centre(camera.rotation, camera.translation_mm)
-            - _centre(first.rotation, first.translation_mm)
-        )
+        baseline = np.linalg.norm(camera.centre_mm - first.centre_mm)
         sigma = camera.sigma.get("f")
+        floor = result.rig.sigma_floor_px.get(name)
         rows.append(
             [
                 name,
                 str(pictures),
                 str(int(mine.sum())),
                 f"{result.camera_rms_px[name]:.4f}",
+                "" if floor is None else f"{floor:.4f}",
                 f"{camera.interior[0]:.2f}",
                 "" if sigma is None else f"{sigma:.2f}",
                 f"{baseline:.2f}",
             ]
         )
-    header = ["camera", "pictures", "points", "RMS px", "f px", "sigma f", "baseline mm"]
+    header = ["camera", "pictures", "points", "RMS px", "floor px"]
+    header += ["f px", "sigma f", "baseline mm"]
     total = (
         f"{result.method}: sigma0 {result.sigma0:.3f}, RMS {result.rms_px:.4f} px, "
         f"{result.num_observations} observations, {result.num_unknowns} unknowns, "
@@ -112,9 +112,3 @@ def summary(result: CalibrationRun) -> str:
         f"{result.seconds:.1f} s\n"
     )
     return text_table(header, rows) + total
-
-
-def _centre(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
-    """Projection centre in the rig's frame: -R' t."""
-    centre: np.ndarray = -np.asarray(rotation).T @ np.asarray(translation_mm)
-    return centre

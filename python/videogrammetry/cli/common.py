@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from videogrammetry.project import refuse_overwrite, write_text
+from videogrammetry.project import refuse_overwrite
+from videogrammetry.project.provenance import provenance_path
 
 SubParsers = Any  # argparse names the type of add_subparsers() only privately
+
+
+class UsageError(ValueError):
+    """An option is wrong in itself, whatever the files hold: exit status 2."""
 
 
 def add_verb(
@@ -39,13 +43,10 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite what is there already")
 
 
-def write_result(out: Path | None, text: str, force: bool) -> None:
-    """Writes text to a file, whole or not at all, or to standard output."""
-    if out is None:
-        sys.stdout.write(text)
-        return
-    refuse_overwrite(out, force)
-    write_text(out, text)
+def refuse_overwrite_table(path: Path, force: bool) -> None:
+    """``refuse_overwrite`` for a table and the provenance beside it."""
+    refuse_overwrite(path, force)
+    refuse_overwrite(provenance_path(path), force)
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

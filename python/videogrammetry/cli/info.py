@@ -82,13 +82,12 @@ def rig_info(path: Path) -> str:
     rig = read_rig(path)
     rows = []
     for name, camera in rig.cameras.items():
-        centre = -camera.rotation.T @ camera.translation_mm
         rows.append(
             [
                 name,
                 f"{camera.image_size_px[0]}x{camera.image_size_px[1]}",
                 *(f"{value:.2f}" for value in camera.interior[:3]),
-                *(f"{value:.2f}" for value in centre),
+                *(f"{value:.2f}" for value in camera.centre_mm),
             ]
         )
     header = ["camera", "size px", "f px", "x0 px", "y0 px", "X mm", "Y mm", "Z mm"]

@@ -1,7 +1,7 @@
 """Entry of the command: finds the verb, runs it, turns errors into one paragraph.
 
 Exit status: 0 done; 1 the work failed, standard error says why, where and what
-to do; 2 wrong usage (argparse); 130 interrupted.
+to do; 2 wrong usage (argparse, or UsageError); 130 interrupted.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from videogrammetry.cli import calibrate, doctor, export, info, measure, recognize
+from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
@@ -56,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.traceback:
             raise
         print(f"videogrammetry {args.verb}: {paragraph(error)}", file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
 
 
 def paragraph(error: Exception) -> str:

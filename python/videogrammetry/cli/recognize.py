@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import os
 import sys
 import tempfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-from videogrammetry.cli.common import SubParsers, add_force, add_verb, write_result
+import numpy as np
+
+from videogrammetry.cli.common import (
+    SubParsers,
+    UsageError,
+    add_force,
+    add_verb,
+    refuse_overwrite_table,
+)
 from videogrammetry.cli.progress import Progress
 from videogrammetry.pipeline.frames import map_bounded, read_and_recognize
-from videogrammetry.project import format_targets, refuse_overwrite, target_table
-from videogrammetry.recognition.options import RecognitionOptions
+from videogrammetry.project import format_targets, provenance, refuse_overwrite, target_table
+from videogrammetry.project.atomic import nearest_folder
+from videogrammetry.project.provenance import write_with_provenance
+from videogrammetry.recognition import RING_STATUS, RecognitionOptions, code_family, recognize
 from videogrammetry.report import write_overlay
 from videogrammetry.sequence import JoinedSource, open_sequence
 from videogrammetry.types import Targets
@@ -39,7 +52,12 @@ def add_parser(verbs: SubParsers) -> None:
         metavar="INPUT",
         help="pictures, stacks, folders or quoted patterns (*, ?, [..], {a,b})",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="targets CSV (default: stdout)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="targets CSV, its provenance in FILE.provenance.json beside it (default: stdout)",
+    )
     parser.add_argument(
         "--overlay", type=Path, metavar="DIR", help="write the pictures with the targets drawn in"
     )
@@ -77,45 +95,104 @@ def add_parser(verbs: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Recognises all pictures, then writes; a bad one stops it before anything is written."""
-    options = RecognitionOptions(
-        codes=args.codes,
-        direction=args.direction,
-        polarity=args.polarity,
-        diameter_px=_diameter(args.diameter_px),
-        method=args.method,
-    )
+    options = _options(args)
     source = open_sequence(args.inputs, same_size=False)
     names = frame_names(source)
     overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
-    for path in [*overlays, *([args.out] if args.out else [])]:
-        refuse_overwrite(path, args.force)
-    if overlays:
-        args.overlay.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=args.overlay.parent, prefix=".overlay-") as scratch:
-            found = _recognize_all(source, names, options, Path(scratch))
-            args.overlay.mkdir(exist_ok=True)
+    _check_outputs(args.out, args.overlay, overlays, args.force)
+    with _scratch_folder(args.overlay) as scratch:
+        origin = _Origin(source, options) if args.out or args.overlay else None
+        found = _recognize_all(source, names, options, scratch, origin)
+        table = target_table((name, "", None, t) for name, t in zip(names, found, strict=True))
+        if args.out is not None and origin is not None:
+            # First: if it fails, no overlay is left behind.
+            write_with_provenance(args.out, format_targets(table), origin.of_all)
+        if scratch is not None:
+            args.overlay.mkdir(parents=True, exist_ok=True)
             for path in overlays:
-                os.replace(Path(scratch) / path.name, path)
-    else:
-        found = _recognize_all(source, names, options, None)
-    table = target_table((name, "", None, t) for name, t in zip(names, found, strict=True))
-    write_result(args.out, format_targets(table), args.force)
+                os.replace(scratch / path.name, path)
+    if args.out is None:
+        sys.stdout.write(format_targets(table))
     coded = int((table.id >= 0).sum())
     print(
-        f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets",
+        f"{len(found)} pictures: {coded} coded, {len(table) - coded} un-coded targets"
+        f"{_reasons(found)}",
         file=sys.stderr,
     )
     return 0
 
 
-def _diameter(values: tuple[float, float]) -> tuple[float, float]:
-    smallest, largest = values
-    if not 0 < smallest < largest:
-        raise ValueError(
-            f"--diameter-px: expected 0 < MIN < MAX, got {smallest:g} {largest:g}; "
-            "give the smallest and the largest diameter in pixels"
-        )
-    return smallest, largest
+@contextlib.contextmanager
+def _scratch_folder(overlay: Path | None) -> Iterator[Path | None]:
+    """Where overlays wait until all are drawn; on the disk of their folder, to be moved at once."""
+    if overlay is None:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(dir=nearest_folder(overlay), prefix=".overlay-") as scratch:
+        yield Path(scratch)
+
+
+def _reasons(found: list[Targets]) -> str:
+    """Why targets have no ID, in the order of ``RING_STATUS``: `` (5 no ring, 2 ring cut)``."""
+    status = np.concatenate([t.ring_status[t.id < 0] for t in found])
+    counts = np.bincount(status, minlength=len(RING_STATUS)).tolist()
+    parts = [f"{n} {name}" for n, name in zip(counts, RING_STATUS, strict=True) if n]
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+class _Origin:
+    """The provenance of the table, and of the overlay of each frame, which names its file alone."""
+
+    def __init__(self, source: JoinedSource, options: RecognitionOptions) -> None:
+        codes = [Path(options.codes)] if Path(options.codes).is_file() else []
+        files = dict.fromkeys([*codes, *source.paths])
+        self._source = source
+        self._codes = codes
+        self._made = provenance(options)
+        self._hashes = {f: provenance(None, [f], Path.cwd())["inputs_sha256"] for f in files}
+        self.of_all = self._of_files(files)
+
+    def of_frame(self, index: int) -> dict[str, Any]:
+        """As ``of_all``, of one frame."""
+        return self._of_files([*self._codes, self._source.file(index)])
+
+    def _of_files(self, files: Iterable[Path]) -> dict[str, Any]:
+        merged = {name: value for f in files for name, value in self._hashes[f].items()}
+        return {**self._made, "inputs_sha256": merged}
+
+
+def _check_outputs(
+    out: Path | None, folder: Path | None, overlays: list[Path], force: bool
+) -> None:
+    """Raises for what cannot be written; overlays make their own folder."""
+    if out is not None:
+        refuse_overwrite_table(out, force)
+    if folder is not None and nearest_folder(folder) == folder:
+        for path in overlays:
+            refuse_overwrite(path, force)
+
+
+def _options(args: argparse.Namespace) -> RecognitionOptions:
+    """The options, tried on a blank picture: whatever is wrong with them shows there."""
+    smallest, largest = args.diameter_px
+    options = RecognitionOptions(
+        codes=args.codes,
+        direction=args.direction,
+        polarity=args.polarity,
+        diameter_px=(smallest, largest),
+        method=args.method,
+    )
+    try:
+        recognize(np.zeros((16, 16), np.uint8), options)
+    except ValueError as error:
+        if Path(options.codes).is_file():
+            code_family(options.codes)  # a table that is wrong is named as it is
+        # The message begins with the field's name; people know the option's.
+        field, colon, rest = str(error).partition(": ")
+        known = colon and field in RecognitionOptions.__dataclass_fields__
+        option = f"--{field.replace('_', '-')}: {rest}" if known else f"--codes: {error}"
+        raise UsageError(option) from error
+    return options
 
 
 def frame_names(source: JoinedSource) -> list[str]:
@@ -147,13 +224,17 @@ def overlay_name(name: str) -> str:
 
 
 def _recognize_all(
-    source: JoinedSource, names: list[str], options: RecognitionOptions, overlay: Path | None
+    source: JoinedSource,
+    names: list[str],
+    options: RecognitionOptions,
+    overlay: Path | None,
+    origin: _Origin | None,
 ) -> list[Targets]:
     def one(index: int) -> Targets:
         targets = read_and_recognize(source, index, options)
-        if overlay is not None:
+        if overlay is not None and origin is not None:
             path = overlay / overlay_name(names[index])
-            write_overlay(path, source.read(index), targets, names[index])
+            write_overlay(path, source.read(index), targets, names[index], origin.of_frame(index))
         return targets
 
     progress = Progress("recognize", "pictures")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import hashlib
+import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from videogrammetry.project.atomic import atomic_path
 from videogrammetry.version import __version__
 
 
@@ -47,6 +49,27 @@ def provenance(
         "options": plain(options if options is not None else {}),
         "inputs_sha256": {_name(path, base_dir): sha256_of(path) for path in inputs},
     }
+
+
+def provenance_path(path: str | os.PathLike[str]) -> Path:
+    """Where the provenance of a file lies that cannot hold it: beside the file.
+
+    Examples
+    --------
+    >>> provenance_path("targets.csv").name
+    'targets.csv.provenance.json'
+    """
+    return Path(path).with_name(f"{Path(path).name}.provenance.json")
+
+
+def write_with_provenance(
+    path: str | os.PathLike[str], text: str, origin: Mapping[str, Any]
+) -> None:
+    """Writes text and its provenance beside it; what cannot be written whole leaves neither."""
+    # The text takes its place first: no provenance ever stands beside an older text.
+    with atomic_path(provenance_path(path)) as origin_beside, atomic_path(path) as beside:
+        beside.write_bytes(text.encode())
+        origin_beside.write_bytes((json.dumps(plain(origin), indent=1) + "\n").encode())
 
 
 def _name(path: str | os.PathLike[str], base_dir: str | os.PathLike[str] | None) -> str:

@@ -41,7 +41,7 @@ class CameraSection:
     image_size_px : (width, height), needed with an observations CSV only.
     start : start values by ``START_NAMES``, pixels.
     free : interior parameters to estimate, this camera's or ``[calibration]``'s;
-        None: all ten, each kept only if significant.
+        None: all ten, each kept only if significant; (): none, poses alone.
     r0_px : this camera's or ``[calibration]``'s; None: 2/3 of the half diagonal.
     """
 
@@ -227,7 +227,7 @@ def _frees(calibration: TomlTable, cameras: list[str]) -> dict[str, tuple[str, .
 
 
 def _interior_names(table: TomlTable, key: str) -> tuple[str, ...] | None:
-    names: tuple[str, ...] | None = table.strings(key, None)
+    names: tuple[str, ...] | None = table.strings(key, None, empty=True)
     for name in names or ():
         if name not in INTERIOR_NAMES:
             raise table.error(

@@ -118,13 +118,13 @@ class TomlTable:
             raise self.error(key, f"= {value} is wrong: expected {what}, positive numbers")
         return tuple(value)
 
-    def strings(self, key: str, default: Any = _NEEDED) -> Any:
-        """One text or a list of texts, as a tuple."""
+    def strings(self, key: str, default: Any = _NEEDED, *, empty: bool = False) -> Any:
+        """One text or a list of texts, as a tuple; ``empty``: the list may be so."""
         value = self._take(key, default, (str, list), '"a text" or a list of texts')
         if value is default:
             return value
         items = [value] if isinstance(value, str) else value
-        if not items or not all(isinstance(item, str) and item for item in items):
+        if not (items or empty) or not all(isinstance(item, str) and item for item in items):
             raise self.error(key, f"= {value!r} is wrong: expected texts, none of them empty")
         return tuple(items)
 

@@ -230,11 +230,6 @@ def _summary(run: CalibrationRun) -> str:
     )
 
 
-def _centre(run: CalibrationRun, name: str) -> FloatArray:
-    camera = run.rig.cameras[name]
-    return np.asarray(-camera.rotation.T @ camera.translation_mm)
-
-
 def _poses(run: CalibrationRun) -> str:
     """Where the cameras stand, and how far from one another."""
     rows = []
@@ -244,7 +239,7 @@ def _poses(run: CalibrationRun) -> str:
         rows.append(
             [
                 name,
-                *(f"{v:.3f}" for v in _centre(run, name)),
+                *(f"{v:.3f}" for v in camera.centre_mm),
                 *(f"{v:.4f}" for v in angles),
                 _sigmas(camera.sigma, ("tx", "ty", "tz"), 1.0, ".3f"),
                 _sigmas(camera.sigma, ("rx", "ry", "rz"), 180 / math.pi, ".4f"),
@@ -269,8 +264,9 @@ def _baselines(run: CalibrationRun) -> str:
     rows = []
     for k, first in enumerate(firsts):
         for second in names[k + 1 :]:
-            baseline = math.dist(_centre(run, second), _centre(run, first))
-            axes = run.rig.cameras[first].rotation[2], run.rig.cameras[second].rotation[2]
+            a, b = run.rig.cameras[first], run.rig.cameras[second]
+            baseline = math.dist(a.centre_mm, b.centre_mm)
+            axes = a.rotation[2], b.rotation[2]
             rows.append([f"{first}, {second}", f"{baseline:.3f}", f"{_angle_deg(*axes):.2f}"])
     if not rows:
         return ""

@@ -129,7 +129,7 @@ def _camera_pyramids(rig: RigData, points: FloatArray) -> list[tuple[str, FloatA
     pyramids = []
     middle = points.mean(axis=0)
     for name, camera in rig.cameras.items():
-        centre = -camera.rotation.T @ camera.translation_mm
+        centre = camera.centre_mm
         reach = 0.12 * float(np.linalg.norm(middle - centre))
         width, height = camera.image_size_px
         f = camera.interior[0]

@@ -6,9 +6,11 @@ centre of the top-left pixel.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -16,8 +18,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
-from videogrammetry.project import atomic_path
+from videogrammetry.project import atomic_path, plain
 from videogrammetry.recognition.options import RING_STATUS
 from videogrammetry.types import Targets
 
@@ -38,11 +41,21 @@ _GROUND = (24, 26, 30)
 
 
 def write_overlay(
-    path: str | os.PathLike[str], frame: npt.NDArray[Any], targets: Targets, title: str = ""
+    path: str | os.PathLike[str],
+    frame: npt.NDArray[Any],
+    targets: Targets,
+    title: str = "",
+    origin: Mapping[str, Any] | None = None,
 ) -> None:
-    """Writes :func:`draw_overlay`'s picture as PNG, all of it or nothing."""
+    """Writes :func:`draw_overlay`'s picture as PNG, all of it or nothing.
+
+    ``origin`` is its provenance, kept as JSON in the text chunk ``provenance``.
+    """
+    chunks = PngInfo()
+    if origin is not None:
+        chunks.add_text("provenance", json.dumps(plain(origin)))
     with atomic_path(path) as beside:
-        draw_overlay(frame, targets, title).save(beside, "PNG", compress_level=4)
+        draw_overlay(frame, targets, title).save(beside, "PNG", compress_level=4, pnginfo=chunks)
 
 
 def draw_overlay(frame: npt.NDArray[Any], targets: Targets, title: str = "") -> Image.Image:

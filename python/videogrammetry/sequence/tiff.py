@@ -118,6 +118,8 @@ def open_file(path: Path) -> FrameSource:
                 for i, page in enumerate(found)
                 if isinstance(page, tifffile.TiffPage) and not (page.is_reduced and i > 0)
             )
+    except SequenceError:  # says what is wrong already
+        raise
     except _DAMAGE as error:
         raise _damaged(path, str(error)) from error
     for page in pages:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -15,9 +16,13 @@ import numpy as np
 import pytest
 import tifffile
 from calibration_fakes import fake_run
+from measurement_fakes import fake_measurement
 from PIL import Image
 
-from videogrammetry.project import read_rig, read_targets, write_rig
+from videogrammetry.cli.calibrate import summary
+from videogrammetry.cli.main import main
+from videogrammetry.project import read_rig, read_targets, write_measurement, write_rig
+from videogrammetry.version import __version__
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 VERBS = ("recognize", "calibrate", "measure", "export", "info", "doctor")
@@ -102,7 +107,18 @@ def test_recognize_writes_a_table_and_overlays(run: Run, tmp_path: Path, picture
     assert overlays == ["img1.tif.png", "img10.tif.png", "img2.tif.png"]
     with Image.open(tmp_path / "o" / overlays[0]) as image:
         image.load()
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["o", "pictures", "t.csv"]
+    files = ["o", "pictures", "t.csv", "t.csv.provenance.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == files
+
+
+def test_recognize_counts_why_targets_have_no_id(run: Run, tmp_path: Path) -> None:
+    x, y = np.meshgrid(np.arange(200), np.arange(100))
+    ring = np.hypot(x - 15, y - 50)  # its code ring, 20 to 30 px, leaves the picture
+    image = dots([(15, 50), (120, 50)], (200, 100))
+    image[(ring > 20) & (ring < 30)] = 220
+    tifffile.imwrite(tmp_path / "a.tif", image)
+    result = run("recognize", "a.tif", "--out", "t.csv")
+    assert "1 pictures: 0 coded, 2 un-coded targets (1 no ring, 1 ring cut)" in result.stderr
 
 
 def test_recognize_to_standard_output(run: Run, pictures: Path) -> None:
@@ -111,6 +127,7 @@ def test_recognize_to_standard_output(run: Run, pictures: Path) -> None:
     assert header.startswith("image,camera,stage,id,x_px,y_px,")
     assert len(rows) == 6
     assert rows[0].startswith("img1.tif,,,,")
+    assert [p.name for p in pictures.parent.iterdir()] == ["pictures"]
     assert "recognize: 3/3 pictures" in result.stderr
 
 
@@ -126,6 +143,80 @@ def test_nothing_is_overwritten_without_force(run: Run, tmp_path: Path, pictures
     (tmp_path / "o" / "img2.tif.png").touch()
     message = complaint(run("recognize", "pictures", "--overlay", "o", status=1), "recognize")
     assert "img2.tif.png" in message
+
+
+def test_a_table_that_cannot_be_written_leaves_no_overlays(
+    run: Run, tmp_path: Path, pictures: Path
+) -> None:
+    args = ("recognize", "pictures", "--overlay", "new/o", "--out", "nothere/x.csv")
+    message = complaint(run(*args, status=1), "recognize")
+    assert "nothere/x.csv cannot be written: there is no folder nothere" in message
+    assert [p.name for p in tmp_path.iterdir()] == ["pictures"]
+
+
+def test_a_table_that_fails_in_the_end_leaves_no_overlays(
+    tmp_path: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = os.replace
+    tried: list[str] = []
+
+    def refuse_table(source: Path, target: Path) -> None:
+        tried.append(Path(target).name)
+        if tried[-1] == "t.csv":
+            raise OSError(5, "Input/output error")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", refuse_table)
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    args = ["recognize", "pictures", "--codes", "none", "--out", "t.csv"]
+    assert main([*args, "--overlay", "new/o"]) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+    assert tried[-1] == "t.csv"
+
+
+def test_overlays_go_into_folders_yet_to_be_made(run: Run, tmp_path: Path, pictures: Path) -> None:
+    run("recognize", "pictures", "--overlay", "new/o", "--out", "t.csv")
+    assert len(list((tmp_path / "new" / "o").iterdir())) == 3
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *("new", "pictures", "t.csv", "t.csv.provenance.json")
+    ]
+    (tmp_path / "full").touch()
+    message = complaint(run("recognize", "pictures", "--overlay", "full", status=1), "recognize")
+    assert "full is no folder" in message
+
+
+def test_outputs_of_recognize_carry_their_provenance(
+    run: Run, tmp_path: Path, pictures: Path
+) -> None:
+    run("recognize", "pictures", "--codes", "none", "--out", "t.csv", "--overlay", "o")
+    origin = json.loads((tmp_path / "t.csv.provenance.json").read_text())
+    assert (origin["program"], origin["version"]) == ("videogrammetry", __version__)
+    assert origin["options"]["codes"] == "none"
+    assert origin["options"]["diameter_px"] == [5.0, 200.0]
+    hashes = {
+        f"pictures/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in pictures.iterdir()
+    }
+    assert origin["inputs_sha256"] == hashes
+    with Image.open(tmp_path / "o" / "img2.tif.png") as image:
+        drawn = json.loads(image.text["provenance"])
+    name = "pictures/img2.tif"
+    assert drawn == {**origin, "inputs_sha256": {name: hashes[name]}}
+    # Provenance is as safe from being overwritten as the table itself.
+    (tmp_path / "t.csv").unlink()
+    message = complaint(run("recognize", "pictures", "--out", "t.csv", status=1), "recognize")
+    assert "t.csv.provenance.json is there already" in message
+    run("recognize", "pictures", "--out", "t.csv", "--force")
+    origin = json.loads((tmp_path / "t.csv.provenance.json").read_text())
+    assert origin["options"]["codes"] == "schneider-14"
+
+
+def test_a_code_table_is_among_the_inputs(run: Run, tmp_path: Path, pictures: Path) -> None:
+    (tmp_path / "table.toml").write_text("bits = 12\ncodes = [65, 71]\n")
+    run("recognize", "pictures/img1.tif", "--codes", "table.toml", "--out", "t.csv")
+    origin = json.loads((tmp_path / "t.csv.provenance.json").read_text())
+    assert list(origin["inputs_sha256"]) == ["table.toml", "pictures/img1.tif"]
 
 
 def spoil_text(path: Path) -> None:
@@ -171,13 +262,35 @@ def test_nothing_matches(run: Run, pictures: Path, spec: str) -> None:
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--diameter-px", "20", "5"), "diameter"),
-        (("--codes", "schneider-13"), "schneider-13"),
-        (("--method", "guess"), "guess"),
+        (("--diameter-px", "20", "5"), "--diameter-px: expected 3 <= smallest < largest"),
+        (("--diameter-px", "2", "200"), "--diameter-px: expected 3 <= smallest < largest"),
+        (("--diameter-px", "nan", "200"), "--diameter-px: expected 3 <= smallest < largest"),
+        (("--codes", "schneider-13"), "--codes: expected one of "),
+        (("--codes", "nothere.toml"), "--codes: nothere.toml: cannot be read"),
+        (("--method", "guess"), "--method: expected 'local-canny', got 'guess'"),
     ],
 )
-def test_options_out_of_range(run: Run, pictures: Path, options: tuple, word: str) -> None:
-    assert word in complaint(run("recognize", "pictures", *options, status=1), "recognize")
+def test_options_out_of_range(run: Run, options: tuple, word: str) -> None:
+    # The pictures are not there: options are looked at first, and no picture is blamed.
+    message = complaint(run("recognize", "pictures", *options, status=2), "recognize")
+    assert message.startswith(f"videogrammetry recognize: {word}")
+
+
+def test_a_bad_code_table_is_no_wrong_usage(run: Run, tmp_path: Path, pictures: Path) -> None:
+    (tmp_path / "table.toml").write_text("bits = 2\ncodes = [1]\n")
+    result = run("recognize", "pictures", "--codes", "table.toml", status=1)
+    assert "recognize: table.toml: bits" in complaint(result, "recognize")
+
+
+def test_output_of_an_unknown_kind_is_wrong_usage(run: Run) -> None:
+    # There is no project: options are looked at first.
+    message = complaint(run("export", "nothere", "out.xyz", status=2), "export")
+    assert "'.xyz'" in message
+    assert ".csv" in message
+    message = complaint(run("export", "nothere", "o.csv", "--stage", "3", status=2), "export")
+    assert "--what points" in message
+    message = complaint(run("calibrate", "nothere", "--out", "foo.txt", status=2), "calibrate")
+    assert "--out: expected a name ending in .json, got foo.txt" in message
 
 
 def test_equal_names_get_their_folders(run: Run, tmp_path: Path) -> None:
@@ -284,6 +397,16 @@ def test_calibration_that_cannot_succeed(run: Run, project: Path) -> None:
     assert not list(project.glob("rig[.-]*"))
 
 
+def test_calibration_summary_states_the_floor_of_every_camera() -> None:
+    result = fake_run()
+    header, *rows = summary(result).splitlines()
+    columns = [column.strip() for column in header.split("  ") if column]
+    assert columns[3:6] == ["RMS px", "floor px", "f px"]
+    for name, row in zip(result.camera_names, rows, strict=False):
+        assert row.split()[0] == name
+        assert row.split()[4] == f"{result.rig.sigma_floor_px[name]:.4f}"
+
+
 def test_measure_without_a_rig(run: Run, project: Path) -> None:
     for camera in ("left", "right"):
         change(
@@ -340,14 +463,25 @@ def test_info_of_everything(run: Run, tmp_path: Path, project: Path) -> None:
         assert "nothere" in complaint(run("info", name, status=1), "info")
 
 
+def test_an_exported_table_carries_its_provenance(run: Run, project: Path) -> None:
+    write_measurement(project / "measurement.h5", fake_measurement())
+    run("export", "project.toml", "m.csv", "--what", "motion")
+    origin = json.loads((project / "m.csv.provenance.json").read_text())
+    assert origin["program"] == "videogrammetry"
+    assert origin["options"] == {"what": "motion", "stage": None}
+    assert origin["inputs_sha256"] == {
+        name: hashlib.sha256((project / name).read_bytes()).hexdigest()
+        for name in ("project.toml", "measurement.h5")
+    }
+    (project / "m.csv").unlink()
+    message = complaint(run("export", "project.toml", "m.csv", status=1), "export")
+    assert "m.csv.provenance.json is there already" in message
+    run("export", "project.toml", "m.csv", "--force")
+
+
 def test_export_of_nothing(run: Run, project: Path) -> None:
     message = complaint(run("export", "project.toml", "out.csv", status=1), "export")
     assert "measurement.h5" in message
-    message = complaint(run("export", "project.toml", "out.xyz", status=1), "export")
-    assert "'.xyz'" in message
-    assert ".csv" in message
-    message = complaint(run("export", ".", "o.csv", "--stage", "3", status=1), "export")
-    assert "--what points" in message
 
 
 def test_doctor(run: Run) -> None:

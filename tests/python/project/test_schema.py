@@ -106,6 +106,17 @@ def test_free_by_camera(tmp_path: Path) -> None:
     assert project.cameras["b"].free is None
 
 
+def test_an_empty_list_frees_nothing(tmp_path: Path) -> None:
+    text = 'schema = 1\n[cameras.a]\n[cameras.b]\nfree = ["f"]\n[calibration]\nfree = []\n'
+    project = read_project(write(tmp_path, text))
+    assert project.cameras["a"].free == ()
+    assert project.cameras["b"].free == ("f",)
+    own = 'schema = 1\n[cameras.a]\nfree = []\n[calibration]\nfree = ["f"]\n'
+    assert read_project(write(tmp_path, own)).cameras["a"].free == ()
+    with pytest.raises(ProjectFileError, match="line 3: .*free"):
+        read_project(write(tmp_path, 'schema = 1\n[cameras.a]\nfree = [""]\n'))
+
+
 #: (what replaces what in COMPLETE, line that must be named, words that must be there)
 WRONG = [
     ("sigma_mm = 0.1", "sigma_m = 0.1", 22, ["sigma_m", "'sigma_mm'", "[calibration]"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,14 @@ def test_colours_and_legend() -> None:
     for colour in COLOURS.values():
         assert coloured(pixels[:800], colour).any()
         assert coloured(pixels[800:], colour).any()
+
+
+def test_a_picture_carries_its_provenance(tmp_path: Path) -> None:
+    origin = {"program": "videogrammetry", "inputs_sha256": {"Prüfling.tif": "ab" * 32}}
+    frame = np.zeros((20, 30), np.uint8)
+    write_overlay(tmp_path / "o.png", frame, targets([], [], []), origin=origin)
+    with Image.open(tmp_path / "o.png") as image:
+        assert json.loads(image.text["provenance"]) == origin
 
 
 def test_empty_flat_and_outside(tmp_path: Path) -> None:

@@ -217,6 +217,19 @@ def test_what_is_no_picture_is_named(tmp_path: Path, name: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint32])
+def test_samples_of_another_kind_are_no_damage(tmp_path: Path, dtype: type) -> None:
+    path = tmp_path / "kind.tif"
+    path.write_bytes(tiff(GREY8.astype(dtype)))
+    bits = np.dtype(dtype).itemsize * 8
+    with pytest.raises(SequenceError) as caught:
+        open_sequence(path)
+    assert str(caught.value) == (
+        f"{path}: page 1 has {bits}-bit samples of type {np.dtype(dtype)}; "
+        "save it as 8- or 16-bit grey"
+    )
+
+
 @pytest.mark.parametrize("suffix", [".tif", ".png", ".bmp", ".jpg", ".pgm"])
 def test_an_empty_file_is_named(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"empty{suffix}"

@@ -86,6 +86,11 @@ def start_camera(
     )  # fmt: skip
     f_given = interior[0] > 0
     held, free = interior.copy(), INTERIOR_NAMES if camera.free is None else camera.free
+    if not f_given and "f" not in free:
+        raise CalibrationError(
+            f"camera {camera.name}: f is held (it is not in free) but has no value: give f_px as "
+            "start value, or free f"
+        )
     try:
         model, poses = _start(camera.name, model, usable, target, gate_px, f_given, free)
     except CalibrationError:

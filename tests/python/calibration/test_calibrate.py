@@ -323,3 +323,10 @@ def test_malformed_input_is_a_value_error(scene):
         calibrate([replace(s.frames[0], frames=[broken])], s.target)
     with pytest.raises(ValueError, match="two pictures of one stage"):
         calibrate([replace(s.frames[0], frames=[frame, frame])], s.target)
+
+
+def test_a_held_f_needs_a_value(scene):
+    s = scene()
+    held = [replace(c, free=("x0", "y0"), start={}) for c in s.frames]
+    with pytest.raises(CalibrationError, match="f is held"):
+        calibrate(held, s.target)

@@ -1,5 +1,3 @@
-#include "videogrammetry/rendering/render.h"
-
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
@@ -8,6 +6,7 @@
 
 #include "bindings.h"
 #include "videogrammetry/core/thread_pool.h"
+#include "videogrammetry/rendering/render.h"
 
 namespace py = pybind11;
 using namespace pybind11::literals;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include "videogrammetry/rendering/random.h"
 
@@ -121,10 +122,12 @@ void AddShapes(const Background& background, int width, int height, std::vector<
       shape.Paint(width, height, picture);
     }
   };
-  paint(background.num_patches, [&] { return random.Uniform(0.008, 0.05) * size; },
-        [&] { return random.Uniform(0.008, 0.05) * size; });
-  paint(background.num_lines, [&] { return random.Uniform(0.05, 0.35) * size; },
-        [&] { return random.Uniform(0.8, 4.0); });
+  paint(
+      background.num_patches, [&] { return random.Uniform(0.008, 0.05) * size; },
+      [&] { return random.Uniform(0.008, 0.05) * size; });
+  paint(
+      background.num_lines, [&] { return random.Uniform(0.05, 0.35) * size; },
+      [&] { return random.Uniform(0.8, 4.0); });
   paint(background.num_discs, [&] { return random.Uniform(3.0, 14.0); }, [] { return 0.0; });
 }
 

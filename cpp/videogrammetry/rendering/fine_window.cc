@@ -48,7 +48,8 @@ PsfKernel::PsfKernel(double psf_sigma_px) : scale_(ScaleFor(psf_sigma_px)) {
   std::vector<double> taps(static_cast<std::size_t>(2 * reach + scale_));
   double sum = 0;
   for (std::size_t k = 0; k < taps.size(); ++k) {
-    const double begin = (static_cast<double>(k) - reach) / scale_ - 0.5;  // from the pixel's centre
+    const double begin =
+        (static_cast<double>(k) - reach) / scale_ - 0.5;  // from the pixel's centre
     taps[k] = PixelShare(psf_sigma_px, begin, begin + 1.0 / scale_);
     sum += taps[k];
   }

@@ -31,7 +31,7 @@ class PsfKernel {
  public:
   explicit PsfKernel(double psf_sigma_px);
 
-  int scale() const { return scale_; }         ///< cells a pixel and axis
+  int scale() const { return scale_; }          ///< cells a pixel and axis
   int radius_px() const { return radius_px_; }  ///< reach of a pixel beyond itself
 
   /// Adds a window of cells (row by row, window.width() * scale() a row) to a

@@ -1,6 +1,7 @@
 #include "videogrammetry/rendering/local_map.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <limits>
 
@@ -30,8 +31,7 @@ Nodes NodesOver(const LocalMap& map, const PixelWindow& window) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   for (int j = 0; j < nodes.rows; ++j) {
     for (int i = 0; i < nodes.columns; ++i) {
-      const auto at =
-          map.At({window.x0 - 0.5 + kSpacing * i, window.y0 - 0.5 + kSpacing * j});
+      const auto at = map.At({window.x0 - 0.5 + kSpacing * i, window.y0 - 0.5 + kSpacing * j});
       nodes.u.push_back(at ? at->x() : kNan);
       nodes.v.push_back(at ? at->y() : kNan);
     }
@@ -96,8 +96,10 @@ PlaneLattice LocalMap::Over(const PixelWindow& window, int scale) const {
     }
     const int last = lattice.columns - 1, k = 2 * ((last - 1) / fine_tile);
     const auto a = Weights(static_cast<double>(last - k / 2 * fine_tile) / (kSpacing * scale));
-    out_u[last] = static_cast<float>(a[0] * line_u[k] + a[1] * line_u[k + 1] + a[2] * line_u[k + 2]);
-    out_v[last] = static_cast<float>(a[0] * line_v[k] + a[1] * line_v[k + 1] + a[2] * line_v[k + 2]);
+    out_u[last] =
+        static_cast<float>(a[0] * line_u[k] + a[1] * line_u[k + 1] + a[2] * line_u[k + 2]);
+    out_v[last] =
+        static_cast<float>(a[0] * line_v[k] + a[1] * line_v[k + 1] + a[2] * line_v[k + 2]);
   }
   return lattice;
 }

@@ -29,9 +29,8 @@ std::vector<Eigen::Vector2d> Outline(const OrientedCamera& camera, const SceneTa
         target.sticker == StickerShape::kSquare
             ? target.sticker_mm / std::max(std::abs(std::cos(angle)), std::abs(std::sin(angle)))
             : reach;
-    const Eigen::Vector3d point =
-        pose.center_mm +
-        stretch * (std::cos(angle) * pose.x_axis + std::sin(angle) * pose.y_axis());
+    const Eigen::Vector3d point = pose.center_mm + stretch * (std::cos(angle) * pose.x_axis +
+                                                              std::sin(angle) * pose.y_axis());
     const auto pixel = ProjectFromWorld(camera, point);
     if (!pixel) return {};
     outline.push_back(*pixel);

@@ -79,16 +79,16 @@ template <typename T>
 void Renderer::Render(const std::vector<SceneTarget>& targets, std::uint64_t seed,
                       T* samples) const {
   if ((sensor_.bit_depth == 8) != std::is_same_v<T, std::uint8_t>) {
-    throw std::invalid_argument("samples: expected 8-bit samples for bit_depth 8 and 16-bit ones "
-                                "beyond, bit_depth is " +
-                                std::to_string(sensor_.bit_depth));
+    throw std::invalid_argument(
+        "samples: expected 8-bit samples for bit_depth 8 and 16-bit ones "
+        "beyond, bit_depth is " +
+        std::to_string(sensor_.bit_depth));
   }
   const std::vector<float> light = Light(targets);
   ReadOut(light.data(), light.size(), sensor_, seed, samples);
 }
 
-template void Renderer::Render(const std::vector<SceneTarget>&, std::uint64_t,
-                               std::uint8_t*) const;
+template void Renderer::Render(const std::vector<SceneTarget>&, std::uint64_t, std::uint8_t*) const;
 template void Renderer::Render(const std::vector<SceneTarget>&, std::uint64_t,
                                std::uint16_t*) const;
 

@@ -81,8 +81,8 @@ void Background::Check() const {
   for (const SpecularSpot& spot : spots) {
     Require(std::isfinite(spot.x_px) && std::isfinite(spot.y_px), "spots", "a finite place",
             spot.x_px);
-    Require(spot.sigma_px > 0 && std::isfinite(spot.sigma_px), "spots",
-            "a finite sigma_px > 0", spot.sigma_px);
+    Require(spot.sigma_px > 0 && std::isfinite(spot.sigma_px), "spots", "a finite sigma_px > 0",
+            spot.sigma_px);
     CheckNotNegative("spots' amplitude", spot.amplitude);
   }
 }
@@ -97,9 +97,9 @@ void Sensor::Check() const {
   Require(psf_sigma_px >= 0 && psf_sigma_px <= 10, "psf_sigma_px", "0 ... 10", psf_sigma_px);
   CheckNotNegative("read_noise", read_noise);
   CheckNotNegative("shot_noise_gain", shot_noise_gain);
-  Require(bit_depth == 8 || bit_depth == 10 || bit_depth == 12 || bit_depth == 14 ||
-              bit_depth == 16,
-          "bit_depth", "8, 10, 12, 14 or 16", bit_depth);
+  Require(
+      bit_depth == 8 || bit_depth == 10 || bit_depth == 12 || bit_depth == 14 || bit_depth == 16,
+      "bit_depth", "8, 10, 12, 14 or 16", bit_depth);
 }
 
 TargetPose PoseAt(const SceneTarget& target, double time) {

@@ -34,12 +34,13 @@ struct SceneTarget {
   /// and the most significant of num_bits bits is its brightness.
   int num_bits = 0;
   std::uint32_t code = 0;
-  std::array<double, 2> ring = {2.0, 3.0};  ///< inner and outer radius over radius_mm, 1 <= in < out
+  std::array<double, 2> ring = {2.0,
+                                3.0};  ///< inner and outer radius over radius_mm, 1 <= in < out
   /// Radius of the sticker's disc or half a side of its square; not less than
   /// what is printed on it.
   double sticker_mm = 10.0;
   StickerShape sticker = StickerShape::kSquare;
-  double white = 0.8;          ///< reflectances, 0 ... 1
+  double white = 0.8;  ///< reflectances, 0 ... 1
   double black = 0.06;
   bool white_on_black = true;  ///< dot and sectors white, sticker black, or the reverse
   /// Relative change of the light over one radius along x_axis and y_axis.
@@ -61,11 +62,11 @@ struct SpecularSpot {
 
 /// What lies behind the targets, in reflectance; the same for a seed everywhere.
 struct Background {
-  double level = 0.35;      ///< 0 ... 1
-  double clutter = 0.0;     ///< amplitude of the clutter, 0 (none) ... 1
-  int num_discs = 15;       ///< of the clutter, 0 ... 10000
-  int num_lines = 20;       ///< 0 ... 10000
-  int num_patches = 20;     ///< 0 ... 10000
+  double level = 0.35;   ///< 0 ... 1
+  double clutter = 0.0;  ///< amplitude of the clutter, 0 (none) ... 1
+  int num_discs = 15;    ///< of the clutter, 0 ... 10000
+  int num_lines = 20;    ///< 0 ... 10000
+  int num_patches = 20;  ///< 0 ... 10000
   std::uint64_t seed = 0;
   std::vector<SpecularSpot> spots;
 

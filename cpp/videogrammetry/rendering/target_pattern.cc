@@ -10,33 +10,34 @@ namespace {
 
 constexpr int kMaxBorders = 40;  // four circles or sides, 32 sectors
 
+}  // namespace
+
 /// Sorted places in (0, 1) where a line crosses borders.
-struct Cuts {
+struct TargetPattern::Cuts {
   std::array<float, 2 * kMaxBorders + 2> at;
   int count = 0;
 
   void Add(float t) {
     if (t > 0 && t < 1) at[count++] = t;
   }
+  void AddCircle(float u, float v, float du, float dv, float radius);
 };
 
-void AddCircle(float u, float v, float du, float dv, float radius, Cuts* cuts) {
+void TargetPattern::Cuts::AddCircle(float u, float v, float du, float dv, float radius) {
   const float a = du * du + dv * dv, b = u * du + v * dv;
   const float root2 = b * b - a * (u * u + v * v - radius * radius);
   if (!(root2 > 0) || !(a > 0)) return;
   const float root = std::sqrt(root2);
   // The root without cancellation, and the other from the product c / a.
   const float q = b > 0 ? -b - root : -b + root;
-  cuts->Add(q / a);
-  if (q != 0) cuts->Add((u * u + v * v - radius * radius) / q);
+  Add(q / a);
+  if (q != 0) Add((u * u + v * v - radius * radius) / q);
 }
 
-}  // namespace
-
 struct TargetPattern::Crossed {
-  bool any = false, across_u = false, across_v = false;
+  bool any = false;
   bool dot = false, inner = false, outer = false, sticker = false;
-  bool general = false;  // sectors by angle, not by the nearest borders
+  bool general = false;      // sectors by angle, not by the nearest borders
   int first = 0, last = -1;  // sector borders, may be negative or beyond num_bits
   int sector = 0;            // of the cell's middle
   // Normal of the nearest border in the plane.
@@ -112,8 +113,8 @@ TargetPattern::Crossed TargetPattern::BordersOf(float u, float v, float reach) c
 
 Coverage TargetPattern::At(float u, float v, const Crossed& crossed) const {
   const float r2 = u * u + v * v;
-  const bool inside = square_ ? std::abs(u) <= sticker_ && std::abs(v) <= sticker_
-                              : r2 <= sticker_ * sticker_;
+  const bool inside =
+      square_ ? std::abs(u) <= sticker_ && std::abs(v) <= sticker_ : r2 <= sticker_ * sticker_;
   if (!inside) return {};
   if (r2 <= 1) return {1.0f, 1.0f};
   if (num_bits_ == 0 || r2 < inner_ * inner_ || r2 > outer_ * outer_) return {1.0f, 0.0f};
@@ -129,6 +130,26 @@ Coverage TargetPattern::At(float u, float v, const Crossed& crossed) const {
   }
   sector = ((sector % num_bits_) + num_bits_) % num_bits_;
   return {1.0f, Bright(sector) ? 1.0f : 0.0f};
+}
+
+/// Where the line (u, v) + t (du, dv), 0 < t < 1, crosses the borders.
+void TargetPattern::AddCuts(float u, float v, float du, float dv, const Crossed& crossed,
+                            Cuts* cuts) const {
+  if (crossed.dot) cuts->AddCircle(u, v, du, dv, 1.0f);
+  if (crossed.inner) cuts->AddCircle(u, v, du, dv, inner_);
+  if (crossed.outer) cuts->AddCircle(u, v, du, dv, outer_);
+  if (crossed.sticker && !square_) cuts->AddCircle(u, v, du, dv, sticker_);
+  if (crossed.sticker && square_) {
+    for (const float side : {-sticker_, sticker_}) {
+      if (du != 0) cuts->Add((side - u) / du);
+      if (dv != 0) cuts->Add((side - v) / dv);
+    }
+  }
+  for (int k = crossed.first; k <= crossed.last; ++k) {
+    const int b = ((k % num_bits_) + num_bits_) % num_bits_;
+    const float slope = cos_[b] * dv - sin_[b] * du;
+    if (slope != 0) cuts->Add((sin_[b] * u - cos_[b] * v) / slope);
+  }
 }
 
 Coverage TargetPattern::CutByLines(const CellCorners& cell, const Crossed& crossed,
@@ -149,21 +170,7 @@ Coverage TargetPattern::CutByLines(const CellCorners& cell, const Crossed& cross
     const float du = other_u + s * (cell.u11 - other_u) - u0;
     const float dv = other_v + s * (cell.v11 - other_v) - v0;
     Cuts cuts;
-    if (crossed.dot) AddCircle(u0, v0, du, dv, 1.0f, &cuts);
-    if (crossed.inner) AddCircle(u0, v0, du, dv, inner_, &cuts);
-    if (crossed.outer) AddCircle(u0, v0, du, dv, outer_, &cuts);
-    if (crossed.sticker && !square_) AddCircle(u0, v0, du, dv, sticker_, &cuts);
-    if (crossed.sticker && square_) {
-      for (const float side : {-sticker_, sticker_}) {
-        if (du != 0) cuts.Add((side - u0) / du);
-        if (dv != 0) cuts.Add((side - v0) / dv);
-      }
-    }
-    for (int k = crossed.first; k <= crossed.last; ++k) {
-      const int b = ((k % num_bits_) + num_bits_) % num_bits_;
-      const float slope = cos_[b] * dv - sin_[b] * du;
-      if (slope != 0) cuts.Add((sin_[b] * u0 - cos_[b] * v0) / slope);
-    }
+    AddCuts(u0, v0, du, dv, crossed, &cuts);
     std::sort(cuts.at.begin(), cuts.at.begin() + cuts.count);
     cuts.at[cuts.count] = 1.0f;
     float begin = 0;
@@ -192,10 +199,10 @@ Coverage TargetPattern::CutByLines(const CellCorners& cell, const Crossed& cross
 Coverage TargetPattern::Over(const CellCorners& cell, int lines) const {
   const float u = 0.25f * (cell.u00 + cell.u10 + cell.u01 + cell.u11);
   const float v = 0.25f * (cell.v00 + cell.v10 + cell.v01 + cell.v11);
-  const float d1 = (cell.u00 - cell.u11) * (cell.u00 - cell.u11) +
-                   (cell.v00 - cell.v11) * (cell.v00 - cell.v11);
-  const float d2 = (cell.u10 - cell.u01) * (cell.u10 - cell.u01) +
-                   (cell.v10 - cell.v01) * (cell.v10 - cell.v01);
+  const float d1 =
+      (cell.u00 - cell.u11) * (cell.u00 - cell.u11) + (cell.v00 - cell.v11) * (cell.v00 - cell.v11);
+  const float d2 =
+      (cell.u10 - cell.u01) * (cell.u10 - cell.u01) + (cell.v10 - cell.v01) * (cell.v10 - cell.v01);
   // Half the longer diagonal, a little more where the cell is no parallelogram.
   const float reach = 0.51f * std::sqrt(std::max(d1, d2));
   const float far = sticker_ + reach;

@@ -35,9 +35,11 @@ class TargetPattern {
 
  private:
   struct Crossed;  // the borders that may run through a cell
+  struct Cuts;     // where a line crosses them
 
   Coverage At(float u, float v, const Crossed& crossed) const;
   Crossed BordersOf(float u, float v, float reach) const;
+  void AddCuts(float u, float v, float du, float dv, const Crossed& crossed, Cuts* cuts) const;
   Coverage CutByLines(const CellCorners& cell, const Crossed& crossed, int lines) const;
   bool Bright(int sector) const { return (code_ >> (num_bits_ - 1 - sector)) & 1u; }
   int SectorOf(float u, float v) const;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -132,8 +133,7 @@ TargetTruth AloneInPicture(const OrientedCamera& camera, const SceneTarget& targ
   TargetTruth truth;
   const Facing facing = FacingOf(camera, pose, target.marked_mm());
   if (facing != Facing::kFront) {
-    truth.visibility =
-        facing == Facing::kBehind ? Visibility::kBehind : Visibility::kFacingAway;
+    truth.visibility = facing == Facing::kBehind ? Visibility::kBehind : Visibility::kFacingAway;
     return truth;
   }
   truth.visibility = Visibility::kOutside;

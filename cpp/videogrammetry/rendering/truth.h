@@ -11,11 +11,11 @@ namespace videogrammetry {
 
 /// Why a target can or cannot be measured in a picture. The first that holds.
 enum class Visibility {
-  kBehind = 0,   ///< it reaches behind the camera
-  kFacingAway,   ///< the camera sees its back
-  kOutside,      ///< nothing of what is printed lies in the picture
-  kCut,          ///< the picture's border cuts what is printed
-  kOccluded,     ///< another target hides a part of what is printed
+  kBehind = 0,  ///< it reaches behind the camera
+  kFacingAway,  ///< the camera sees its back
+  kOutside,     ///< nothing of what is printed lies in the picture
+  kCut,         ///< the picture's border cuts what is printed
+  kOccluded,    ///< another target hides a part of what is printed
   kVisible
 };
 

@@ -1,4 +1,4 @@
-"""What is behind the targets, light, lens and sensor; equal to the C++ structs (a test holds it)."""
+"""Background, light, lens and sensor; equal to the C++ structs (a test holds them)."""
 
 from __future__ import annotations
 

@@ -121,13 +121,18 @@ class SceneTargets:
             raise ValueError(
                 f"{name}: expected shape {shape} or {(n, *shape)}, got {value.shape}"
             ) from None
+        if not np.isfinite(rows).all():
+            raise ValueError(f"{name}: expected finite numbers, got {value.tolist()}")
         object.__setattr__(self, name, rows)
 
     def _make_model(self) -> Any:
         end = [getattr(self, f"end_{name}") for name in _POSE]
         if end[0] is None:
             end = [np.empty((0, 3))] * 3
-        numbers = [getattr(self, name).reshape(len(self), -1) for name in _COLUMNS]
+        numbers = [
+            getattr(self, name).reshape(len(self), 2 if shape else 1)
+            for name, shape in _COLUMNS.items()
+        ]
         integers = [getattr(self, name) for name in _INTEGERS]
         for name, low, high in (("num_bits", 0, 32), ("code", 0, 2**32 - 1)):
             value = getattr(self, name)
@@ -150,8 +155,9 @@ class SceneTargets:
 
     def select(self, index: Any) -> SceneTargets:
         """The targets of an index array or mask, in its order."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return SceneTargets(**{k: None if v is None else v[index] for k, v in values.items()})
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        kept: dict[str, Any] = {k: None if v is None else v[index] for k, v in values.items()}
+        return SceneTargets(**kept)
 
 
 _POSE = ("centre_mm", "normal", "x_axis")

@@ -48,8 +48,7 @@ TEST_P(LoneDotTest, CentroidAndAreaAreTheTruth) {
       const SceneTarget dot = LoneDot(pose, radius_px * mm);
       const auto moments = scenes::MomentsOf(renderer.Light({dot}), kSize, 0.1, 0.9);
       const Ellipse truth = *renderer.Truth({dot})[0].ellipse;
-      const Eigen::Vector2d error =
-          moments.center - Eigen::Vector2d(truth.x_px, truth.y_px);
+      const Eigen::Vector2d error = moments.center - Eigen::Vector2d(truth.x_px, truth.y_px);
       const double area = std::numbers::pi * truth.semi_major_px * truth.semi_minor_px;
       worst = std::max(worst, error.norm());
       worst_area = std::max(worst_area, std::abs(moments.area / area - 1));
@@ -190,7 +189,8 @@ TEST(Renderer, NamesWhatIsImpossible) {
     return message([&] { Renderer(camera, {}, {}, s); });
   };
   EXPECT_NE(sensor([](Sensor& s) { s.read_noise = -1; }).find("read_noise"), std::string::npos);
-  EXPECT_NE(sensor([](Sensor& s) { s.shot_noise_gain = -1; }).find("shot_noise"), std::string::npos);
+  EXPECT_NE(sensor([](Sensor& s) { s.shot_noise_gain = -1; }).find("shot_noise"),
+            std::string::npos);
   EXPECT_NE(sensor([](Sensor& s) { s.psf_sigma_px = -0.1; }).find("psf_sigma"), std::string::npos);
   EXPECT_NE(sensor([](Sensor& s) { s.bit_depth = 9; }).find("bit_depth"), std::string::npos);
   const Renderer renderer = Plain(0.7, camera);
@@ -204,9 +204,9 @@ TEST(Renderer, NamesWhatIsImpossible) {
   EXPECT_NE(target([](SceneTarget& t) { t.pose.normal *= 2; }).find("normal"), std::string::npos);
   EXPECT_NE(target([](SceneTarget& t) { t.num_bits = 40; }).find("num_bits"), std::string::npos);
   EXPECT_NE(target([](SceneTarget& t) { t.white = 1.5; }).find("white"), std::string::npos);
-  EXPECT_NE(target([](SceneTarget& t) { t.end_pose = scenes::Before(2000, 0, 12000); })
-                .find("end_pose"),
-            std::string::npos);
+  EXPECT_NE(
+      target([](SceneTarget& t) { t.end_pose = scenes::Before(2000, 0, 12000); }).find("end_pose"),
+      std::string::npos);
   EXPECT_EQ(target([](SceneTarget& t) { t.pose.center_mm.z() = -12000; }), "");
   std::vector<std::uint16_t> samples(kSize * kSize);
   EXPECT_NE(message([&] { renderer.Render({}, 0, samples.data()); }).find("bit_depth"),

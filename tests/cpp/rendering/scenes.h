@@ -29,11 +29,10 @@ inline OrientedCamera Pinhole(int size_px = 256, double f_px = 2650) {
 /// axis at `azimuth` of the picture and turned in its plane.
 inline TargetPose Before(double x_mm, double y_mm, double z_mm, double tilt = 0, double azimuth = 0,
                          double turn = 0) {
-  const Eigen::Matrix3d rotation =
-      (Eigen::AngleAxisd(azimuth, Eigen::Vector3d::UnitZ()) *
-       Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitX()) *
-       Eigen::AngleAxisd(turn - azimuth, Eigen::Vector3d::UnitZ()))
-          .toRotationMatrix();
+  const Eigen::Matrix3d rotation = (Eigen::AngleAxisd(azimuth, Eigen::Vector3d::UnitZ()) *
+                                    Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitX()) *
+                                    Eigen::AngleAxisd(turn - azimuth, Eigen::Vector3d::UnitZ()))
+                                       .toRotationMatrix();
   return {{x_mm, y_mm, z_mm}, -rotation.col(2), rotation.col(0)};
 }
 

@@ -29,9 +29,8 @@ Coverage Areas(const SceneTarget& target, float size, int lines) {
     for (int i = -reach; i < reach; ++i) {
       const auto u = [&](int a, int b) { return c * (i + a + 0.37f) - s * (j + b + 0.11f); };
       const auto v = [&](int a, int b) { return s * (i + a + 0.37f) + c * (j + b + 0.11f); };
-      const Coverage cover = pattern.Over({u(0, 0), v(0, 0), u(1, 0), v(1, 0), u(0, 1), v(0, 1),
-                                           u(1, 1), v(1, 1)},
-                                          lines);
+      const Coverage cover = pattern.Over(
+          {u(0, 0), v(0, 0), u(1, 0), v(1, 0), u(0, 1), v(0, 1), u(1, 1), v(1, 1)}, lines);
       sticker += cover.sticker;
       mark += cover.mark;
     }
@@ -68,8 +67,8 @@ TEST(TargetPattern, SectorsRunFromXTowardsY) {
   EXPECT_EQ(at(-1.8f, 1.8f), 0.0f);
   EXPECT_EQ(at(-1.8f, -1.8f), 0.0f);
   EXPECT_EQ(at(1.8f, -1.8f), 0.0f);
-  EXPECT_EQ(at(0.5f, -0.5f), 1.0f);   // the dot
-  EXPECT_EQ(at(1.5f, 0.1f), 0.0f);    // between dot and ring
+  EXPECT_EQ(at(0.5f, -0.5f), 1.0f);  // the dot
+  EXPECT_EQ(at(1.5f, 0.1f), 0.0f);   // between dot and ring
 }
 
 TEST(TargetPattern, HalfACell) {

@@ -244,7 +244,7 @@ def test_visibility_and_motion_reach_python():
         ({"white": 1.2}, "white"),
         ({"sticker_mm": 1.0}, "sticker_mm"),
         ({"centre_mm": [1.0, 2.0, 3.0]}, "centre_mm"),
-        ({"centre_mm": [[np.nan, 0, 1], [0, 0, 1]]}, "center_mm"),
+        ({"centre_mm": [[np.nan, 0, 1], [0, 0, 1]]}, "centre_mm"),
     ],
 )
 def test_impossible_targets_are_named(change, word):

@@ -10,5 +10,6 @@ void BindMatching(pybind11::module_& m);
 void BindReconstruction(pybind11::module_& m);
 void BindAdjustment(pybind11::module_& m);
 void BindRecognition(pybind11::module_& m);
+void BindRendering(pybind11::module_& m);
 
 }  // namespace videogrammetry::bindings

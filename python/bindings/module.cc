@@ -16,4 +16,5 @@ PYBIND11_MODULE(_core, m) {
   videogrammetry::bindings::BindReconstruction(m);
   videogrammetry::bindings::BindAdjustment(m);
   videogrammetry::bindings::BindRecognition(m);
+  videogrammetry::bindings::BindRendering(m);
 }

@@ -11,5 +11,6 @@ void BindReconstruction(pybind11::module_& m);
 void BindAdjustment(pybind11::module_& m);
 void BindRecognition(pybind11::module_& m);
 void BindRendering(pybind11::module_& m);
+void BindSequence(pybind11::module_& m);
 
 }  // namespace videogrammetry::bindings

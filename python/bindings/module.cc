@@ -17,4 +17,5 @@ PYBIND11_MODULE(_core, m) {
   videogrammetry::bindings::BindAdjustment(m);
   videogrammetry::bindings::BindRecognition(m);
   videogrammetry::bindings::BindRendering(m);
+  videogrammetry::bindings::BindSequence(m);
 }

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence.formats import known_suffixes, open_file
+from videogrammetry.sequence.mraw import one_of_each_recording
 from videogrammetry.sequence.select import find_files
 from videogrammetry.sequence.source import JoinedSource
 
@@ -42,7 +43,11 @@ def open_sequence(
     specs = [spec] if isinstance(spec, str | os.PathLike) else list(spec)
     if not specs:
         raise SequenceError("an empty list names no picture: give a file, a folder or a pattern")
-    paths = [path for one in specs for path in find_files(one, base, known_suffixes())]
+    paths = [
+        path
+        for one in specs
+        for path in one_of_each_recording(find_files(one, base, known_suffixes()))
+    ]
     sources = [open_file(path) for path in paths]
     if same_size:
         for path, source in zip(paths, sources, strict=True):

@@ -54,7 +54,7 @@ class JoinedSource:
 
     Attributes
     ----------
-    paths : the files, in order, each once.
+    paths : the files, in order; of a recording in several files all of them.
     """
 
     def __init__(self, sources: Sequence[FrameSource], paths: Sequence[Path]) -> None:
@@ -65,7 +65,12 @@ class JoinedSource:
             )
         self._sources = tuple(sources)
         self._ends = tuple(accumulate(len(s) for s in sources))
-        self.paths = tuple(paths)
+        self._files = tuple(paths)
+        self.paths = tuple(
+            file
+            for source, path in zip(sources, paths, strict=True)
+            for file in getattr(source, "paths", (path,))
+        )
 
     @property
     def image_size_px(self) -> tuple[int, int]:
@@ -75,8 +80,29 @@ class JoinedSource:
     @property
     def frame_rate_hz(self) -> float | None:
         """The first source's rate if all of them state it, else None."""
-        rates = {s.frame_rate_hz for s in self._sources}
-        return rates.pop() if len(rates) == 1 else None
+        rate: float | None = self._common("frame_rate_hz")
+        return rate
+
+    @property
+    def exposure_s(self) -> float | None:
+        """Exposure time of a frame if all sources state the same, else None."""
+        exposure: float | None = self._common("exposure_s")
+        return exposure
+
+    @property
+    def bit_depth(self) -> int | None:
+        """Bits of a sample that count if all sources state the same, else None."""
+        bits: int | None = self._common("bit_depth")
+        return bits
+
+    @property
+    def sources(self) -> tuple[FrameSource, ...]:
+        """The sequences that are joined here, with what each of them knows of itself."""
+        return self._sources
+
+    def _common(self, name: str) -> Any:
+        values = {getattr(source, name, None) for source in self._sources}
+        return values.pop() if len(values) == 1 else None
 
     def __len__(self) -> int:
         return self._ends[-1]
@@ -88,8 +114,8 @@ class JoinedSource:
         return which, index - (self._ends[which - 1] if which else 0)
 
     def file(self, index: int) -> Path:
-        """The file that holds a frame."""
-        return self.paths[self._locate(index)[0]]
+        """The file that holds a frame; of a recording in two files the header."""
+        return self._files[self._locate(index)[0]]
 
     def name(self, index: int) -> str:
         """Name of a frame: the file's, with ``#n`` (from 1) where it holds several."""

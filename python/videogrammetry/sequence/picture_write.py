@@ -1,0 +1,82 @@
+"""Writes a folder of single pictures, TIFF or PNG."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+from PIL import Image
+
+from videogrammetry.sequence.parts import check_outputs, flush_folder, part_of
+
+_SUFFIX = {"tiff": ".tif", "png": ".png"}
+#: Room for a picture's own header, and what a file system allots at once.
+_HEADER_BYTES, _BLOCK_BYTES = 1024, 4096
+
+
+class PictureOutput:
+    """``FOLDER/NAME_000001.tif`` and so on, in a hidden folder until all are there."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        format: str,
+        image_size_px: tuple[int, int],
+        num_frames: int,
+        bit_depth: int,
+    ) -> None:
+        suffix = _SUFFIX[format]
+        self._format = format
+        self.target = folder
+        self._part = part_of(folder)
+        digits = max(6, len(str(num_frames)))
+        self._name = f"{folder.name}_{{:0{digits}d}}{suffix}"
+        samples = image_size_px[0] * image_size_px[1] * (1 if bit_depth == 8 else 2)
+        blocks = -(-(samples + _HEADER_BYTES) // _BLOCK_BYTES)
+        #: For PNG the most that it can be: how well pictures compress is not known before.
+        self.needed_bytes = num_frames * blocks * _BLOCK_BYTES
+        special = glob.escape(folder.name) != folder.name or re.search("[{}]", folder.name)
+        self.spec = folder.name if special else f"{folder.name}/*{suffix}"
+
+    def check(self) -> None:
+        """Raises if the place cannot be written to, or is taken."""
+        check_outputs((self.target,))
+
+    def begin(self) -> None:
+        """Makes the hidden folder."""
+        self._part.mkdir()
+
+    def write(self, index: int, frame: npt.NDArray[Any]) -> None:
+        """Writes one picture of the writer's type."""
+        with (self._part / self._name.format(index + 1)).open("xb") as file:
+            if self._format == "tiff":
+                tifffile.imwrite(
+                    file,
+                    frame,
+                    photometric="minisblack",
+                    metadata=None,
+                    software="videogrammetry",
+                )
+            else:
+                Image.fromarray(np.ascontiguousarray(frame)).save(file, "PNG", compress_level=1)
+            file.flush()
+            os.fsync(file.fileno())
+
+    def finish(self) -> None:
+        """Gives the folder its name."""
+        flush_folder(self._part)
+        self.check()  # nobody has been quicker
+        self._part.rename(self.target)
+        flush_folder(self.target.parent)
+
+    def discard(self) -> None:
+        """Removes what was written."""
+        shutil.rmtree(self._part, ignore_errors=True)

@@ -20,7 +20,7 @@ class UsageError(ValueError):
 def add_verb(
     verbs: SubParsers,
     name: str,
-    run: Callable[[argparse.Namespace], int],
+    run: Callable[[argparse.Namespace], int] | None,
     *,
     help: str,
     description: str,
@@ -34,7 +34,8 @@ def add_verb(
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
+    if run is not None:  # a verb of several parts leaves it to these
+        parser.set_defaults(run=run)
     return parser
 
 

@@ -4,7 +4,13 @@
 the CSV tables, and what all writers share: atomic replacement and provenance.
 """
 
-from videogrammetry.project.atomic import atomic_path, refuse_overwrite, write_bytes, write_text
+from videogrammetry.project.atomic import (
+    atomic_folder,
+    atomic_path,
+    refuse_overwrite,
+    write_bytes,
+    write_text,
+)
 from videogrammetry.project.csv_table import format_csv, read_csv, write_csv
 from videogrammetry.project.measurement_file import read_measurement, write_measurement
 from videogrammetry.project.provenance import plain, provenance, sha256_of
@@ -55,6 +61,7 @@ __all__ = [
     "TargetTable",
     "TargetsSection",
     "TrajectoryTable",
+    "atomic_folder",
     "atomic_path",
     "format_csv",
     "format_motion",

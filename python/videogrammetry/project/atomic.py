@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -102,6 +104,58 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         beside.unlink(missing_ok=True)
     _flush_folder(target.parent)
+
+
+@contextlib.contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A folder beside ``path`` to fill; takes its name when the block ends well.
+
+    If the block raises (a full disk, an interruption), the folder is removed
+    and ``path`` does not exist.
+
+    Raises
+    ------
+    FileExistsError
+        Something stands at ``path`` already.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "results"
+    >>> with atomic_folder(target) as beside:
+    ...     _ = (beside / "a.txt").write_text("whole")
+    >>> [p.name for p in target.iterdir()]
+    ['a.txt']
+    """
+    target = Path(path)
+    if os.path.lexists(target):
+        raise FileExistsError(
+            f"{target} is there already, and nothing is overwritten: name another folder, or "
+            "remove it"
+        )
+    nearest_folder(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    beside.mkdir()
+    try:
+        yield beside
+        os.rename(beside, target)
+    except OSError as error:
+        raise _without_part(error, beside, target) from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+    _flush_folder(target.parent)
+
+
+def _without_part(error: OSError, beside: Path, target: Path) -> OSError:
+    """The error with the name that the user has chosen instead of the hidden one."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        reason = error.strerror or ""
+        if reason == os.strerror(error.errno):
+            free = shutil.disk_usage(target.parent).free
+            reason = f"no room on the disk ({free / 1e6:.0f} MB free)"
+        return OSError(error.errno, f"{reason}; nothing was kept", str(target))
+    return error
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

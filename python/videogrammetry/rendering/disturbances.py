@@ -15,7 +15,6 @@ from videogrammetry.rendering.scenes.base import (
     bodies,
     join,
     join_placements,
-    placement,
 )
 from videogrammetry.types import RigCamera
 
@@ -115,9 +114,9 @@ class Conditions:
 def occluded(scene: Scene, share: float, seed: int) -> Scene:
     """The scene with patches before ``share`` of the targets, new ones at every stage.
 
-    A patch stands somewhat before its target and a little aside, and is half
-    to more than once as large as what is printed: some targets vanish, others
-    are hidden in part.
+    A patch stands somewhat before its target and a little aside, and is three
+    quarters as large as what is printed: some targets vanish, others are
+    hidden in part.
     """
     if share <= 0:
         return scene
@@ -125,23 +124,22 @@ def occluded(scene: Scene, share: float, seed: int) -> Scene:
     rows = np.flatnonzero(marks.is_target)
     printed = marks.radius_mm[rows] * np.where(marks.id[rows] > 0, marks.ring[1], 1.0)
     patches: Marks = bodies(marks, [1.0] * n, [0.4] * n, square=True)
-    patches = replace(patches, sticker_mm=1.0 * printed, radius_mm=0.4 * printed)
+    # Smaller than the sticker, under which a patch lies while it hides nothing.
+    patches = replace(patches, sticker_mm=0.77 * printed, radius_mm=0.3 * printed)
 
     def place(time_s: float) -> Placement:
         own = scene.place(time_s)
         stage = math.floor(time_s * scene.frame_rate_hz + 1.5)
         rng = np.random.default_rng([seed, 5, max(stage, 0)])
         hidden = rng.uniform(size=n) < share
-        aside = rng.uniform(-1.2, 1.2, size=(n, 2)) * printed[:, None]
+        aside = rng.uniform(-1.2, 1.2, size=(n, 2)) * (hidden * printed)[:, None]
         at = Placement(
             centre_mm=own.centre_mm[rows], normal=own.normal[rows], x_axis=own.x_axis[rows]
         )
         y_axis = np.cross(at.x_axis, at.normal)
+        above = np.where(hidden, 1.5 * printed, -1.0)[:, None]
         centre = at.centre_mm + aside[:, :1] * at.x_axis + aside[:, 1:] * y_axis
-        # A patch that hides nothing turns its back to everybody, behind its target.
-        sign = np.where(hidden, 1.0, -1.0)[:, None]
-        centre = centre + sign * (1.5 * printed[:, None]) * at.normal
-        return join_placements(own, placement(centre, sign * at.normal, at.x_axis))
+        return join_placements(own, replace(at, centre_mm=centre + above * at.normal))
 
     return replace(scene, marks=join(marks, patches), place=place)
 

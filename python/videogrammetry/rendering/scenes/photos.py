@@ -108,7 +108,7 @@ def photos_scene(
     count = round(360 / step_deg)
     for h, height in enumerate(heights_mm):
         for k in range(count):
-            name = f"photo_{h * count + k + 1:03d}"
+            name = f"photos_{h * count + k + 1:06d}"
             azimuth = np.radians(k * step_deg + 7.0 * h) + rng.normal(0, 0.04)
             stand = np.array(
                 [distance_mm * np.sin(azimuth), down - height, -distance_mm * np.cos(azimuth)]

@@ -1,0 +1,163 @@
+"""The project file and tables beside a simulated recording."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from videogrammetry.project import ScaleBar, read_project, write_scale_bars, write_text
+from videogrammetry.recognition import CodeFamily
+from videogrammetry.rendering.scenes import PhotoScene, Scene
+from videogrammetry.rendering.scenes.photos import BAR_SIGMA_MM
+
+# The smallest minor and the largest major axis that the scenes' dots can have.
+_SMALLEST, _LARGEST = 0.45, 1.9
+
+
+def write_project(
+    scene: Scene,
+    folder: Path,
+    out: Path,
+    sequences: Mapping[str, str],
+    family: CodeFamily,
+    *,
+    calibration: Path | None = None,
+    target_sigma_mm: float = 0.1,
+    pictures: bool = False,
+) -> None:
+    """Writes project.toml, and bars.csv where the scene has a bar, into ``folder``.
+
+    Parameters
+    ----------
+    out : where the folder will stand in the end; names start there.
+    sequences : camera -> name of its sequence within the folder.
+    calibration : folder of a calibration project whose pictures a sequence uses.
+    pictures : the sequence is of single pictures, which state no frame rate.
+    """
+    lines = ["schema = 1", f'name = "simulated {scene.name}"', ""]
+    is_calibration = scene.name == "calibration"
+    other = None if calibration is None else _other_calibration(calibration, out)
+    for name, spec in sequences.items():
+        lines.append(f"[cameras.{name}]")
+        if is_calibration:
+            lines.append(f'calibration = "{spec}"')
+        else:
+            if other is not None:
+                lines.append(f"calibration = {_listed(other['cameras'][name])}")
+            lines.append(f'sequence = "{spec}"')
+        lines.append("")
+    if is_calibration:
+        lines += _calibration_table("cross.csv", target_sigma_mm)
+    elif other is not None:
+        lines += _calibration_table(other["target"], other["sigma_mm"])
+    lines += _targets_table(scene, family)
+    if pictures and not is_calibration:
+        lines += ["[sequence]", f"frame_rate_hz = {scene.frame_rate_hz!r}", ""]
+    if not is_calibration:
+        lines += _verify_table(scene, folder)
+    write_text(folder / "project.toml", "\n".join(lines).rstrip() + "\n")
+
+
+def write_photo_project(
+    photos: PhotoScene, folder: Path, spec: str, family: CodeFamily
+) -> None:
+    """Writes project.toml and scale-bars.csv for the photographs of the target."""
+    bars = [
+        ScaleBar(point_a=a, point_b=b, length_mm=length, sigma_mm=BAR_SIGMA_MM)
+        for a, b, length in photos.bars
+    ]
+    write_scale_bars(folder / "scale-bars.csv", bars)
+    lines = [
+        *("schema = 1", 'name = "simulated target photographs"', ""),
+        *("[cameras.handheld]", f'calibration = "{spec}"', ""),
+        *("[calibration]", 'scale_bars = "scale-bars.csv"', ""),
+        *_targets_table(photos.as_scene(), family),
+    ]
+    write_text(folder / "project.toml", "\n".join(lines).rstrip() + "\n")
+
+
+def _calibration_table(target: str, sigma_mm: float | None) -> list[str]:
+    lines = ["[calibration]", f'target = "{target}"']
+    if sigma_mm:
+        lines.append(f"sigma_mm = {sigma_mm:g}")
+    return [*lines, ""]
+
+
+def _other_calibration(calibration: Path, out: Path) -> dict[str, Any]:
+    """What the calibration project names, relative to ``out``."""
+    project = read_project(calibration)
+    if project.calibration.target is None:
+        raise ValueError(
+            f"{project.path}: names no calibration target, so a sequence cannot use it; give the "
+            "folder of a calibration project"
+        )
+    start = out.resolve()
+
+    def relative(name: str | Path) -> str:
+        return Path(os.path.relpath(project.folder / name, start)).as_posix()
+
+    return {
+        "cameras": {
+            name: [relative(spec) for spec in camera.calibration or ()]
+            for name, camera in project.cameras.items()
+        },
+        "target": relative(project.calibration.target),
+        "sigma_mm": project.calibration.sigma_mm,
+    }
+
+
+def _listed(names: list[str]) -> str:
+    quoted = [f'"{name}"' for name in names]
+    return quoted[0] if len(quoted) == 1 else f"[{', '.join(quoted)}]"
+
+
+def _targets_table(scene: Scene, family: CodeFamily) -> list[str]:
+    rows = scene.marks.is_target
+    diameter_mm = 2 * float(scene.marks.radius_mm[rows].max())
+    smallest, largest = _diameters_px(scene, rows)
+    return [
+        "[targets]",
+        f'codes = "{family.name}"',
+        f"diameter_px = [{max(2, int(smallest))}, {int(largest) + 1}]",
+        f"diameter_mm = {diameter_mm:g}",
+        "",
+    ]
+
+
+def _diameters_px(scene: Scene, rows: Any) -> tuple[float, float]:
+    """A generous range of the dots' axes in all pictures."""
+    smallest, largest = float("inf"), 0.0
+    for stage in {1, (scene.num_stages + 1) // 2, scene.num_stages}:
+        centre = scene.place(scene.time_s(stage)).centre_mm[rows]
+        for camera in scene.rig.cameras.values():
+            depth = (centre @ camera.rotation.T + camera.translation_mm)[:, 2]
+            diameter = 2 * scene.marks.radius_mm[rows] * camera.interior[0] / depth
+            diameter = diameter[depth > 0]
+            if len(diameter):
+                smallest = min(smallest, float(diameter.min()))
+                largest = max(largest, float(diameter.max()))
+    return _SMALLEST * smallest, _LARGEST * largest
+
+
+def _verify_table(scene: Scene, folder: Path) -> list[str]:
+    lines = ["[verify]", 'truth = "truth"']
+    facts = scene.facts
+    if "bars" in facts:
+        bars = [
+            ScaleBar(
+                point_a=a, point_b=b, length_mm=facts["length_mm"], sigma_mm=facts["sigma_mm"]
+            )
+            for a, b in facts["bars"]
+        ]
+        write_scale_bars(folder / "bars.csv", bars)
+        lines.append('scale_bars = "bars.csv"')
+    if "free_fall_stages" in facts:
+        first, last = facts["free_fall_stages"]
+        if last - first >= 3:  # an acceleration needs more stages than unknowns
+            lines.append(f"free_fall = [{first}, {last}]")
+        lines.append(f"gravity_m_s2 = {facts['gravity_m_s2']!r}")
+        if facts["drag_per_m"]:
+            lines.append(f"drag_per_m = {facts['drag_per_m']!r}")
+    return [*lines, ""]

@@ -11,12 +11,18 @@ namespace videogrammetry {
 namespace {
 
 /// Prior standard deviation of a plateau's first harmonic, in units of the
-/// contrast: light seldom changes by more across a dot.
+/// contrast, on the brighter side: light seldom changes by more across a dot.
+/// Light multiplies, so black paper hardly shows it: what changes there along
+/// the contour is the edge of a ring of code nearby.
 constexpr double kPriorGradient = 0.02;
+/// What light that is added (flare) may change, in units of the contrast.
+constexpr double kPriorFlare = 0.002;
 /// A plateau's columns beyond the edge's end that are averaged at most, and how
 /// level they are, in units of the contrast.
 constexpr int kPlateauColumns = 3;
 constexpr float kPlateauFlatness = 0.03f;
+/// How far before a ring of code its edge is felt, in widths of the dot's own edge.
+constexpr double kRingReach = 2.5;
 /// Width of the weight of the mean gradient as a part of the edge's own.
 constexpr double kWeightWidth = 0.5;
 /// Length of contour over which neighbouring profiles share their pixels.
@@ -32,7 +38,7 @@ struct Harmonic {
 /// Mean of the columns first ... last of each profile, smoothed along the
 /// contour to its mean and first harmonic; the harmonic is held towards zero
 /// by the prior where noise says little about it.
-Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double contrast) {
+Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double prior_sigma) {
   const Eigen::ArrayXf values = profiles.grey.middleCols(first, last - first + 1).rowwise().mean();
   Eigen::Matrix3f normal = Eigen::Matrix3f::Zero();
   Eigen::Vector3f right = Eigen::Vector3f::Zero();
@@ -57,7 +63,7 @@ Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double
   const double contour = profiles.perimeter_px + 2 * std::numbers::pi * offset;
   const double independent = std::max(4.0, contour / kSharedPx);
   const double noise = 2.0 * squares / profiles.count() / std::max(1.0, independent - 3.0);
-  const double prior = kPriorGradient * kPriorGradient * contrast * contrast;
+  const double prior = prior_sigma * prior_sigma;
   const double trust = prior / (prior + noise);
   solution.tail<2>() *= static_cast<float>(trust);
   Harmonic smooth;
@@ -75,6 +81,7 @@ EdgeProfiles SampleProfiles(const SignedImage<T>& image, const EllipseFrame& fra
   const Ellipse e = frame.ToEllipse();
   const double a = e.semi_major_px, b = e.semi_minor_px;
   EdgeProfiles p;
+  p.semi_minor_px = b;
   // Ramanujan's approximation.
   p.perimeter_px = std::numbers::pi * (3 * (a + b) - std::sqrt((3 * a + b) * (a + 3 * b)));
   const int count = std::clamp(static_cast<int>(std::lround(p.perimeter_px)), 24, 360);
@@ -157,9 +164,20 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
     return std::abs(mean[j] - mean[edge]) < kPlateauFlatness * contrast;
   };
   while (first > 0 && inner - first < kPlateauColumns && flat(first - 1, inner)) --first;
-  while (last + 1 < n && last - outer < kPlateauColumns && flat(last + 1, outer)) ++last;
-  Harmonic inside = SmoothColumns(p, first, inner, contrast);
-  Harmonic outside = SmoothColumns(p, outer, last, contrast);
+  // A ring of code begins a radius away, at the earliest, and its blurred edge
+  // before: a few per cent of it would move the half-way level.
+  const double free_px = p.semi_minor_px - kRingReach * levels.width_px;
+  const int before_ring = p.inward + static_cast<int>(std::floor(free_px / kProfileStepPx));
+  while (last + 1 < n && last - outer < kPlateauColumns && last < before_ring &&
+         flat(last + 1, outer)) {
+    ++last;
+  }
+  const double bright = std::max(std::abs(mean[inner]), std::abs(mean[outer]));
+  const auto prior = [&](float level) {
+    return contrast * (kPriorFlare + kPriorGradient * std::abs(level) / bright);
+  };
+  Harmonic inside = SmoothColumns(p, first, inner, prior(mean[inner]));
+  Harmonic outside = SmoothColumns(p, outer, last, prior(mean[outer]));
   levels.inside = std::move(inside.values);
   levels.outside = std::move(outside.values);
   levels.gradient_variance = 0.25 * (inside.variance + outside.variance);

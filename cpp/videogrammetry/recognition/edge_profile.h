@@ -20,6 +20,7 @@ struct EdgeProfiles {
   std::vector<Eigen::Vector2d> u;  ///< place on the ellipse, see EllipseFrame
   std::vector<float> weight;       ///< length of contour that a profile stands for, mean 1
   double perimeter_px = 0.0;
+  double semi_minor_px = 0.0;
   int inward = 0;   ///< samples on the inner side
   int outward = 0;  ///< samples on the outer side
   /// (profiles, inward + 1 + outward): grey value at (k - inward) steps outward.

@@ -96,6 +96,12 @@ class JoinedSource:
         return bits
 
     @property
+    def origin(self) -> str | None:
+        """Camera and date in words if all sources state the same, else None."""
+        origin: str | None = self._common("origin")
+        return origin
+
+    @property
     def sources(self) -> tuple[FrameSource, ...]:
         """The sequences that are joined here, with what each of them knows of itself."""
         return self._sources

@@ -102,6 +102,7 @@ def test_real_headers_say_when_how_fast_and_how_long(
     assert [beam.name(i) for i in (0, 3)] == ["beam.cihx#1", "beam.cihx#4"]
     assert [p.name for p in beam.paths] == ["beam.cihx", "beam.mraw"]
     assert beam.file(2).name == "beam.cihx"
+    assert beam.files(2) == beam.paths
     showcase = open_sequence(data / "high-speed/data_showcase.mraw")
     # 15000 Hz, every 100th frame; the upper 8 of 12 bits are stored.
     assert (showcase.frame_rate_hz, showcase.exposure_s) == (150.0, 65.060e-6)

@@ -163,10 +163,13 @@ def sequence_info(spec: str) -> str:
     rate = source.frame_rate_hz
     count = len(source)
     names = source.name(0) if count == 1 else f"{source.name(0)} to {source.name(count - 1)}"
+    bits = source.bit_depth or ("8" if frame.dtype == np.uint8 else "9 to 16")
+    exposure = "" if source.exposure_s is None else f", exposure {source.exposure_s * 1e6:g} us"
+    origin = f"{source.origin}\n" if source.origin else ""
     return (
         f"sequence: {count} frame{'s' if count > 1 else ''}, "
         f"{source.image_size_px[0]}x{source.image_size_px[1]} px, "
-        f"{'8' if frame.dtype == np.uint8 else '9 to 16'} bit, "
-        f"{'no frame rate' if rate is None else f'{rate:g} Hz'}\n{names}\n"
+        f"{bits} bit, {'no frame rate' if rate is None else f'{rate:g} Hz'}{exposure}\n"
+        f"{origin}{names}\n"
         f"grey values of the first: {frame.min()} to {frame.max()}, mean {frame.mean():.1f}\n"
     )

@@ -154,7 +154,7 @@ class _Origin:
 
     def of_frame(self, index: int) -> dict[str, Any]:
         """As ``of_all``, of one frame."""
-        return self._of_files([*self._codes, self._source.file(index)])
+        return self._of_files([*self._codes, *self._source.files(index)])
 
     def _of_files(self, files: Iterable[Path]) -> dict[str, Any]:
         merged = {name: value for f in files for name, value in self._hashes[f].items()}

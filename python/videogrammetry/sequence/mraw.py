@@ -77,6 +77,20 @@ class MrawSource:
         """When it was recorded."""
         return self.header.date
 
+    @property
+    def origin(self) -> str:
+        """Camera, date and rate of the recording, in words."""
+        header = self.header
+        rate = header.record_rate_hz
+        parts = [
+            header.camera_name,
+            header.device,
+            "" if header.date is None else f"{header.date:%Y-%m-%d %H:%M}",
+            "" if rate is None else f"recorded at {rate:g} Hz",
+            "" if header.save_step == 1 else f"1 in {header.save_step} frames saved",
+        ]
+        return ", ".join(part for part in parts if part)
+
     def __len__(self) -> int:
         return self.header.num_frames
 
@@ -94,7 +108,8 @@ class MrawSource:
         if self.header.stored_bits == 12:
             samples = unpack_12bit(frame, (height, width))
         else:
-            samples = frame.reshape(height, width)
+            native = frame.dtype.newbyteorder("=")
+            samples = frame.reshape(height, width).astype(native, copy=False)
         return samples >> samples.dtype.type(self._shift) if self._shift else samples
 
 
@@ -187,8 +202,8 @@ def _map_frames(header_path: Path, path: Path, header: PhotronHeader) -> npt.NDA
     )
     if size < expected:
         raise SequenceError(
-            f"{path}: cut short: {size // frame_bytes} whole frames are there, {size} of {expected} "
-            f"bytes for {what}; copy the file again"
+            f"{path}: cut short: {size // frame_bytes} whole frames are there, {size} of "
+            f"{expected} bytes for {what}; copy the file again"
         )
     if size > expected:
         raise SequenceError(

@@ -171,6 +171,7 @@ class MrawOutput:
         else:
             order = "<u2" if self._stored_bits == 16 else np.uint8
             self._file.write(np.ascontiguousarray(frame, dtype=order).data)
+        self._file.flush()  # so that a full disk shows at this frame and not at a later one
 
     def finish(self) -> None:
         """Gives both files their names, the header last: without it there is no recording."""

@@ -241,8 +241,11 @@ class _Reader:
         """Date and time of day; None where they are not stated as numbers."""
         numbers = re.findall(r"\d+", f"{self.text('Date', '')} {self.text('Time', '')}")
         try:
-            return datetime(*(int(n) for n in numbers[:6])) if len(numbers) >= 3 else None
-        except (ValueError, TypeError, OverflowError):
+            if len(numbers) < 3:
+                return None
+            year, month, day, hour, minute = [*(int(n) for n in numbers), 0, 0][:5]
+            return datetime(year, month, day, hour, minute)
+        except (ValueError, OverflowError):
             return None
 
     def _absurd(self, name: str, expected: str) -> SequenceError:

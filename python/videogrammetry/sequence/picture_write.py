@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import io
 import os
 import re
 import shutil
@@ -37,8 +38,8 @@ class PictureOutput:
         self._format = format
         self.target = folder
         self._part = part_of(folder)
-        digits = max(6, len(str(num_frames)))
-        self._name = f"{folder.name}_{{:0{digits}d}}{suffix}"
+        self._suffix = suffix
+        self._digits = max(6, len(str(num_frames)))
         samples = image_size_px[0] * image_size_px[1] * (1 if bit_depth == 8 else 2)
         blocks = -(-(samples + _HEADER_BYTES) // _BLOCK_BYTES)
         #: For PNG the most that it can be: how well pictures compress is not known before.
@@ -56,17 +57,17 @@ class PictureOutput:
 
     def write(self, index: int, frame: npt.NDArray[Any]) -> None:
         """Writes one picture of the writer's type."""
-        with (self._part / self._name.format(index + 1)).open("xb") as file:
-            if self._format == "tiff":
-                tifffile.imwrite(
-                    file,
-                    frame,
-                    photometric="minisblack",
-                    metadata=None,
-                    software="videogrammetry",
-                )
-            else:
-                Image.fromarray(np.ascontiguousarray(frame)).save(file, "PNG", compress_level=1)
+        # In memory first: a library that writes to the disk itself may not say why it fails.
+        data = io.BytesIO()
+        if self._format == "tiff":
+            tifffile.imwrite(
+                data, frame, photometric="minisblack", metadata=None, software="videogrammetry"
+            )
+        else:
+            Image.fromarray(np.ascontiguousarray(frame)).save(data, "PNG", compress_level=1)
+        name = f"{self.target.name}_{index + 1:0{self._digits}d}{self._suffix}"
+        with (self._part / name).open("xb") as file:
+            file.write(data.getbuffer())
             file.flush()
             os.fsync(file.fileno())
 

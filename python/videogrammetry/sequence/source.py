@@ -66,11 +66,10 @@ class JoinedSource:
         self._sources = tuple(sources)
         self._ends = tuple(accumulate(len(s) for s in sources))
         self._files = tuple(paths)
-        self.paths = tuple(
-            file
-            for source, path in zip(sources, paths, strict=True)
-            for file in getattr(source, "paths", (path,))
+        self._all_files: tuple[tuple[Path, ...], ...] = tuple(
+            getattr(source, "paths", (path,)) for source, path in zip(sources, paths, strict=True)
         )
+        self.paths = tuple(file for files in self._all_files for file in files)
 
     @property
     def image_size_px(self) -> tuple[int, int]:
@@ -96,6 +95,12 @@ class JoinedSource:
         return bits
 
     @property
+    def origin(self) -> str | None:
+        """Camera and date in words if all sources state the same, else None."""
+        origin: str | None = self._common("origin")
+        return origin
+
+    @property
     def sources(self) -> tuple[FrameSource, ...]:
         """The sequences that are joined here, with what each of them knows of itself."""
         return self._sources
@@ -116,6 +121,10 @@ class JoinedSource:
     def file(self, index: int) -> Path:
         """The file that holds a frame; of a recording in two files the header."""
         return self._files[self._locate(index)[0]]
+
+    def files(self, index: int) -> tuple[Path, ...]:
+        """All files that a frame depends on: two of a recording, else one."""
+        return self._all_files[self._locate(index)[0]]
 
     def name(self, index: int) -> str:
         """Name of a frame: the file's, with ``#n`` (from 1) where it holds several."""

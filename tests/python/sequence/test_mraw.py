@@ -1,0 +1,379 @@
+"""Photron recordings: samples as pyMRAW reads them; whatever is wrong is said."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from videogrammetry.cli.main import main
+from videogrammetry.errors import SequenceError
+from videogrammetry.sequence import create_sequence, open_sequence
+from videogrammetry.sequence.packing import pack_12bit
+
+RNG = np.random.default_rng(11)
+SIZE = (32, 20)
+FRAMES12 = RNG.integers(0, 4096, (5, 20, 32)).astype(np.uint16)
+
+CIH = """#Camera Information Header
+Date : 2020/2/3
+Time : 4:05
+Camera Type : FASTCAM
+Record Rate(fps) : 2000
+Shutter Speed(s) : 1/4000
+Total Frame : 5
+Save Step : 1
+Image Width : 32
+Image Height : 20
+Color Type : Mono
+Color Bit : 16
+File Format : MRaw
+EffectiveBit Depth : 12
+EffectiveBit Side : Lower
+
+#Another program's notes
+Image Width : 99
+"""
+
+
+def recording(folder: Path, name: str = "run", *, bit_depth: int = 12) -> Path:
+    frames = FRAMES12 if bit_depth >= 12 else FRAMES12 >> 4
+    with create_sequence(
+        folder / name,
+        format="mraw",
+        image_size_px=SIZE,
+        num_frames=5,
+        bit_depth=bit_depth,
+        frame_rate_hz=5000.0,
+        exposure_s=20e-6,
+        camera_name="left & low",
+        date=datetime(2024, 2, 29, 23, 5),
+    ) as writer:
+        for frame in frames:
+            writer.append(frame)
+    return folder / writer.spec
+
+
+def text_recording(folder: Path, *changes: tuple[str, str]) -> Path:
+    """A .cih of 16 bit with FRAMES12 beside it, and lines of the header changed."""
+    header = CIH
+    for old, new in changes:
+        assert old in header
+        header = header.replace(old, new, 1)
+    (folder / "old.cih").write_text(header)
+    (folder / "old.mraw").write_bytes(FRAMES12.astype("<u2").tobytes())
+    return folder / "old.cih"
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    data = path.read_bytes()
+    assert old.encode() in data
+    path.write_bytes(data.replace(old.encode(), new.encode(), 1))
+
+
+@pytest.mark.data
+@pytest.mark.peer
+@pytest.mark.parametrize("name", ["beam.cihx", "data_showcase.cih"])
+def test_real_recordings_are_read_as_pymraw_does(data: Path, name: str) -> None:
+    pymraw = pytest.importorskip("pyMRAW")
+    path = data / "high-speed" / name
+    expected, header = pymraw.load_video(str(path))
+    for opened in (path, path.with_suffix(".mraw")):
+        source = open_sequence(opened)
+        assert len(source) == len(expected) == header["Total Frame"]
+        for i, frame in enumerate(expected):
+            assert source.read(i).dtype == frame.dtype
+            np.testing.assert_array_equal(source.read(i), frame)
+
+
+@pytest.mark.data
+def test_real_headers_say_when_how_fast_and_how_long(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    beam = open_sequence(data / "high-speed/beam.cihx")
+    assert beam.image_size_px == (1024, 80)
+    # 50000 Hz, but every 2500th frame alone is in the file.
+    assert (beam.frame_rate_hz, beam.exposure_s, beam.bit_depth) == (20.0, 5e-6, 12)
+    assert [beam.name(i) for i in (0, 3)] == ["beam.cihx#1", "beam.cihx#4"]
+    assert [p.name for p in beam.paths] == ["beam.cihx", "beam.mraw"]
+    assert beam.file(2).name == "beam.cihx"
+    assert beam.files(2) == beam.paths
+    showcase = open_sequence(data / "high-speed/data_showcase.mraw")
+    # 15000 Hz, every 100th frame; the upper 8 of 12 bits are stored.
+    assert (showcase.frame_rate_hz, showcase.exposure_s) == (150.0, 65.060e-6)
+    assert (showcase.bit_depth, showcase.image_size_px) == (8, (640, 40))
+    assert main(["info", str(data / "high-speed/beam.mraw")]) == 0
+    text = capsys.readouterr().out
+    for part in (
+        "4 frames, 1024x80 px, 12 bit, 20 Hz, exposure 5 us",
+        "Camera No.1, FASTCAM SA-Z type 2100K-M-64GB, 2017-07-13 13:13, recorded at 50000 Hz, "
+        "1 in 2500 frames saved",
+        "beam.cihx#1 to beam.cihx#4",
+    ):
+        assert part in text
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("bit_depth", [8, 10, 12, 16])
+def test_pymraw_reads_what_we_write(tmp_path: Path, bit_depth: int) -> None:
+    pymraw = pytest.importorskip("pyMRAW")
+    largest = 2**bit_depth - 1
+    frames = RNG.integers(0, largest, (4, *SIZE[::-1]), endpoint=True).astype(np.uint16)
+    frames[0, 0, :2] = 0, largest
+    with create_sequence(
+        tmp_path / "run",
+        format="mraw",
+        image_size_px=SIZE,
+        num_frames=4,
+        bit_depth=bit_depth,
+        frame_rate_hz=12500,
+        exposure_s=1 / 50000,
+        camera_name="left & low",
+        date=datetime(2024, 2, 29, 23, 5),
+    ) as writer:
+        for frame in frames:
+            writer.append(frame)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "Not 12bit image!"
+        images, header = pymraw.load_video(str(tmp_path / "run.cihx"))
+    np.testing.assert_array_equal(images, frames)
+    assert header["Color Bit"] == {8: 8, 10: 16, 12: 12, 16: 16}[bit_depth]
+    assert header["EffectiveBit Depth"] == bit_depth
+    assert (header["Record Rate(fps)"], header["Shutter Speed(s)"]) == (12500.0, 50000.0)
+    assert header["Date"] == "2024/2/29"
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("bit_depth", [8, 16])
+def test_we_read_what_pymraw_writes(tmp_path: Path, bit_depth: int) -> None:
+    pymraw = pytest.importorskip("pyMRAW")
+    frames = FRAMES12 if bit_depth == 16 else FRAMES12 >> 4
+    pymraw.save_mraw(
+        frames, str(tmp_path / "a.cih"), bit_depth, info_dict={"Record Rate(fps)": "250"}
+    )
+    source = open_sequence(tmp_path / "a.mraw")
+    assert (len(source), source.frame_rate_hz, source.exposure_s) == (5, 250.0, 1.0)
+    np.testing.assert_array_equal([source.read(i) for i in range(5)], frames)
+
+
+def test_upper_bits_are_shifted_down_where_more_are_stored(tmp_path: Path) -> None:
+    """12 of 16 bit "Higher" stand sixteenfold; stored in 8 bit they are the upper ones as is."""
+    path = text_recording(tmp_path, ("Side : Lower", "Side : Higher"))
+    (tmp_path / "old.mraw").write_bytes((FRAMES12 << 4).astype("<u2").tobytes())
+    source = open_sequence(path)
+    np.testing.assert_array_equal(source.read(3), FRAMES12[3])
+    assert source.bit_depth == 12
+    path = text_recording(
+        tmp_path, ("Side : Lower", "Side : Higher"), ("Color Bit : 16", "Color Bit : 8")
+    )
+    upper = (FRAMES12 >> 4).astype(np.uint8)
+    (tmp_path / "old.mraw").write_bytes(upper.tobytes())
+    source = open_sequence(path)
+    np.testing.assert_array_equal(source.read(3), upper[3])
+    assert (source.bit_depth, source.read(3).dtype) == (8, np.uint8)
+    path = text_recording(
+        tmp_path,
+        ("Side : Lower", "Side : Higher"),
+        ("Color Bit : 16", "Color Bit : 12"),
+        ("Depth : 12", "Depth : 10"),
+    )
+    (tmp_path / "old.mraw").write_bytes(b"".join(pack_12bit(f).tobytes() for f in FRAMES12))
+    source = open_sequence(path)
+    np.testing.assert_array_equal(source.read(3), FRAMES12[3] >> 2)
+    assert source.bit_depth == 10
+
+
+@pytest.mark.parametrize(
+    ("changes", "rate", "exposure"),
+    [
+        ((), 2000.0, 1 / 4000),
+        ((("Save Step : 1", "Save Step : 8"),), 250.0, 1 / 4000),
+        ((("Shutter Speed(s) : 1/4000", "Shutter Type2(nsec) : 2500"),), 2000.0, 2.5e-6),
+        ((("Shutter Speed(s) : 1/4000", "Shutter Speed(s) : 0.002"),), 2000.0, 0.002),
+        ((("Record Rate(fps) : 2000\nShutter Speed(s) : 1/4000\n", ""),), None, None),
+        ((("(fps) : 2000", "(fps) : 0"),), None, 1 / 4000),
+    ],
+)
+def test_text_headers(tmp_path: Path, changes, rate, exposure) -> None:
+    source = open_sequence(text_recording(tmp_path, *changes))
+    assert (source.frame_rate_hz, source.exposure_s) == (rate, exposure)
+    assert source.image_size_px == SIZE
+    assert source.sources[0].date == datetime(2020, 2, 3, 4, 5)
+    assert source.sources[0].camera_name == "FASTCAM"
+    np.testing.assert_array_equal([source.read(i) for i in range(5)], FRAMES12)
+
+
+def test_frames_of_8_and_16_bit_are_not_copied(tmp_path: Path) -> None:
+    for bits in (8, 16):
+        source = open_sequence(recording(tmp_path, f"run{bits}", bit_depth=bits))
+        frame = source.read(2)
+        assert not frame.flags.owndata
+        assert not frame.flags.writeable
+        assert frame.flags.c_contiguous
+        assert type(frame) is np.ndarray
+        assert np.shares_memory(frame, source.read(2))
+
+
+def test_many_threads_read_at_once(tmp_path: Path) -> None:
+    source = open_sequence(recording(tmp_path))
+    with ThreadPoolExecutor(8) as pool:
+        for i, frame in enumerate(pool.map(source.read, [k % 5 for k in range(200)])):
+            np.testing.assert_array_equal(frame, FRAMES12[i % 5])
+
+
+def test_a_recording_is_taken_once(tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    shutil.copy(path, tmp_path / "copy.cihx")
+    shutil.copy(path.with_suffix(".mraw"), tmp_path / "copy.MRAW")
+    for spec in (tmp_path, "*", "*.{mraw,MRAW,cihx}", ["copy.MRAW", "run.mraw"]):
+        source = open_sequence(spec, tmp_path)
+        assert len(source) == 10
+        assert {p.stem for p in source.paths} == {"copy", "run"}
+        assert len(source.paths) == 4
+    # Both kinds of header, as some programs write them: one recording.
+    text_recording(tmp_path)
+    (tmp_path / "old.mraw").rename(tmp_path / "b.mraw")
+    (tmp_path / "old.cih").rename(tmp_path / "b.cih")
+    shutil.copy(path, tmp_path / "b.cihx")
+    shutil.copy(path.with_suffix(".mraw"), tmp_path / "b.mraw")
+    assert open_sequence(tmp_path / "b.mraw").paths[0].name == "b.cihx"
+    assert len(open_sequence("b*", tmp_path)) == 5
+
+
+def test_a_header_beside_pictures_is_passed_over(tmp_path: Path) -> None:
+    with create_sequence(
+        tmp_path / "run", format="tiff", image_size_px=SIZE, num_frames=1, bit_depth=12
+    ) as writer:
+        writer.append(FRAMES12[0])
+    text_recording(tmp_path, ("Format : MRaw", "Format : Tiff")).rename(tmp_path / "run/x.cih")
+    assert len(open_sequence(tmp_path / "run")) == 1
+    with pytest.raises(SequenceError, match=r"saved as Tiff, not as MRaw; open those pictures"):
+        open_sequence(tmp_path / "run/x.cih")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("Image Width : 32\n", "", "does not state 'Image Width'"),
+        ("Width : 32", "Width : 0", r"'Image Width|Image Width = '0', expected a whole number"),
+        ("Width : 32", "Width : -5", r"Image Width = '-5'"),
+        ("Width : 32", "Width : 1e3", r"Image Width = '1e3'"),
+        ("Height : 20", "Height : 99999999", r"Image Height = '99999999'.* to 65536"),
+        ("Frame : 5", "Frame : 0", r"Total Frame = '0'"),
+        ("Color Bit : 16", "Color Bit : 10", "samples of 10 bit are not read here; save"),
+        ("Type : Mono", "Type : Color", r"in colour \(Color, 16 bit\).*monochrome"),
+        ("Type : Mono", "Type : Bayer", "in colour"),
+        ("Side : Lower", "Side : Left", "EffectiveBit Side = 'Left', expected Lower or Higher"),
+        ("Depth : 12", "Depth : 40", "EffectiveBit Depth = '40'"),
+        ("(fps) : 2000", "(fps) : fast", "Record Rate.*'fast', expected a number"),
+        ("(fps) : 2000", "(fps) : -1", "Record Rate.*'-1'"),
+        ("(fps) : 2000", "(fps) : nan", "Record Rate.*'nan'"),
+        ("1/4000", "1/0", "Shutter Speed.*'1/0', expected seconds"),
+        ("1/4000", "-2", "Shutter Speed.*'-2', expected an exposure"),
+        ("Step : 1", "Step : x", "Save Step = 'x'"),
+        ("Frame : 5", "Frame : 6", r"5 whole frames are there, 6400 of 7680 bytes for 6 frames"),
+        ("Frame : 5", "Frame : 4", r"6400 bytes, but 4 frames .* are 5120: .*different"),
+    ],
+)
+def test_wrong_headers_say_what_and_where(tmp_path: Path, old, new, message) -> None:
+    path = text_recording(tmp_path, (old, new))
+    with pytest.raises(SequenceError, match=message) as caught:
+        open_sequence(path)
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_halves_are_named(tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    samples = path.with_suffix(".mraw")
+    kept = path.read_bytes()
+    path.unlink()
+    with pytest.raises(SequenceError, match=r"run\.mraw: its header is missing.*run\.cihx or"):
+        open_sequence(samples)
+    path.write_bytes(b"")
+    for file in (samples, path):
+        with pytest.raises(SequenceError, match=r"run\.cihx: the file is empty"):
+            open_sequence(file)
+    path.write_bytes(kept)
+    samples.unlink()
+    with pytest.raises(SequenceError, match=r"frames are missing: there is no run\.mraw"):
+        open_sequence(path)
+
+
+def test_a_header_cut_anywhere_is_an_error_or_still_whole(tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    whole = path.read_bytes()
+    errors = 0
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        try:
+            source = open_sequence(path)
+        except SequenceError as error:
+            assert "run.cihx" in str(error)
+            errors += 1
+        else:  # only what follows </cih> may be gone
+            np.testing.assert_array_equal(source.read(4), FRAMES12[4])
+    assert errors >= len(whole) - 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("<width>", "<wi&th>", "XML of the Photron header is damaged"),
+        ("</frameInfo>", "", "XML of the Photron header is damaged"),
+        ("<cih>", "<cix>", "no Photron header, or cut short"),
+        ("<totalFrame>5", "<totalFrame>five", "Total Frame = 'five'"),
+    ],
+)
+def test_damaged_xml(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = recording(tmp_path)
+    edit(path, old, new)
+    with pytest.raises(SequenceError, match=message):
+        open_sequence(path)
+
+
+def test_a_recording_cut_anywhere_is_an_error(tmp_path: Path) -> None:
+    path = recording(tmp_path)
+    samples = path.with_suffix(".mraw")
+    whole = samples.read_bytes()
+    frame = 20 * 32 * 3 // 2
+    for length in [*range(1, frame, 37), *range(frame, 5 * frame, frame), 5 * frame - 1]:
+        samples.write_bytes(whole[:length])
+        with pytest.raises(SequenceError, match=f"cut short: {length // frame} whole frames"):
+            open_sequence(path)
+    samples.write_bytes(b"")
+    with pytest.raises(SequenceError, match=r"run\.mraw: .*0 whole frames|empty"):
+        open_sequence(path)
+
+
+def test_bytes_that_are_no_header(tmp_path: Path) -> None:
+    recording(tmp_path)
+    random = np.random.default_rng(5)
+    for name in ("run.cihx", "run.cih"):
+        for size in (1, 10, 1000):
+            (tmp_path / name).write_bytes(random.bytes(size))
+            with pytest.raises(SequenceError, match=name):
+                open_sequence(tmp_path / name)
+
+
+def test_an_odd_frame_of_packed_samples_is_refused(tmp_path: Path) -> None:
+    path = text_recording(
+        tmp_path,
+        ("Width : 32", "Width : 31"),
+        ("Height : 20", "Height : 3"),
+        ("Bit : 16", "Bit : 12"),
+    )
+    with pytest.raises(SequenceError, match="odd number of samples of 12 bit"):
+        open_sequence(path)
+
+
+def test_a_frame_that_is_not_there(tmp_path: Path) -> None:
+    source = open_sequence(recording(tmp_path))
+    for index in (-1, 5):
+        with pytest.raises(IndexError, match="frames 0 to 4"):
+            source.read(index)

@@ -253,6 +253,14 @@ def _frame_rate(
                     f"{wanted:g}: the project's is taken"
                 )
         return wanted, warnings
+    for name, source in sources.items():
+        if source.save_step > 1 and name in stated:
+            apart = source.save_step / stated[name]
+            warnings.append(
+                f"camera {name!r}: its file says that only every {source.save_step}th frame was "
+                f"saved: if so, the frames are {apart:g} s apart, and [sequence] frame_rate_hz = "
+                f"{1 / apart:g} must be given; {stated[name]:g} Hz is taken"
+            )
     if len(set(stated.values())) > 1:
         raise MeasurementError(
             f"the cameras' files state different frame rates ({stated}): synchronous cameras have "

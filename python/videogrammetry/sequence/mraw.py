@@ -50,12 +50,18 @@ class MrawSource:
 
     @property
     def frame_rate_hz(self) -> float | None:
-        """Frames a second of those in the file: the camera's rate over the step of saving.
+        """Frames a second that the camera took.
 
-        A camera at 50000 Hz of which every 2500th frame was saved gives 20 Hz.
+        Where only every n-th frame was saved (``save_step``), those in the file
+        are n times further apart; headers are not reliable in this, so it is
+        said and left to the user.
         """
-        rate = self.header.record_rate_hz
-        return None if rate is None else rate / self.header.save_step
+        return self.header.record_rate_hz
+
+    @property
+    def save_step(self) -> int:
+        """Every n-th frame was saved, as the header says."""
+        return self.header.save_step
 
     @property
     def exposure_s(self) -> float | None:
@@ -87,7 +93,7 @@ class MrawSource:
             header.device,
             "" if header.date is None else f"{header.date:%Y-%m-%d %H:%M}",
             "" if rate is None else f"recorded at {rate:g} Hz",
-            "" if header.save_step == 1 else f"1 in {header.save_step} frames saved",
+            "" if header.save_step == 1 else f"header: 1 in {header.save_step} frames saved",
         ]
         return ", ".join(part for part in parts if part)
 

@@ -101,6 +101,11 @@ class JoinedSource:
         return origin
 
     @property
+    def save_step(self) -> int:
+        """Every n-th frame that the camera took was saved, if all sources say so; else 1."""
+        return int(self._common("save_step") or 1)
+
+    @property
     def sources(self) -> tuple[FrameSource, ...]:
         """The sequences that are joined here, with what each of them knows of itself."""
         return self._sources

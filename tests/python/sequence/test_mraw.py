@@ -97,22 +97,22 @@ def test_real_headers_say_when_how_fast_and_how_long(
 ) -> None:
     beam = open_sequence(data / "high-speed/beam.cihx")
     assert beam.image_size_px == (1024, 80)
-    # 50000 Hz, but every 2500th frame alone is in the file.
-    assert (beam.frame_rate_hz, beam.exposure_s, beam.bit_depth) == (20.0, 5e-6, 12)
+    assert (beam.frame_rate_hz, beam.exposure_s, beam.bit_depth) == (50000.0, 5e-6, 12)
+    assert beam.save_step == 2500
     assert [beam.name(i) for i in (0, 3)] == ["beam.cihx#1", "beam.cihx#4"]
     assert [p.name for p in beam.paths] == ["beam.cihx", "beam.mraw"]
     assert beam.file(2).name == "beam.cihx"
     assert beam.files(2) == beam.paths
     showcase = open_sequence(data / "high-speed/data_showcase.mraw")
-    # 15000 Hz, every 100th frame; the upper 8 of 12 bits are stored.
-    assert (showcase.frame_rate_hz, showcase.exposure_s) == (150.0, 65.060e-6)
+    # The upper 8 of 12 bits are stored.
+    assert (showcase.frame_rate_hz, showcase.exposure_s) == (15000.0, 65.060e-6)
     assert (showcase.bit_depth, showcase.image_size_px) == (8, (640, 40))
     assert main(["info", str(data / "high-speed/beam.mraw")]) == 0
     text = capsys.readouterr().out
     for part in (
-        "4 frames, 1024x80 px, 12 bit, 20 Hz, exposure 5 us",
+        "4 frames, 1024x80 px, 12 bit, 50000 Hz, exposure 5 us",
         "Camera No.1, FASTCAM SA-Z type 2100K-M-64GB, 2017-07-13 13:13, recorded at 50000 Hz, "
-        "1 in 2500 frames saved",
+        "header: 1 in 2500 frames saved",
         "beam.cihx#1 to beam.cihx#4",
     ):
         assert part in text
@@ -192,7 +192,7 @@ def test_upper_bits_are_shifted_down_where_more_are_stored(tmp_path: Path) -> No
     ("changes", "rate", "exposure"),
     [
         ((), 2000.0, 1 / 4000),
-        ((("Save Step : 1", "Save Step : 8"),), 250.0, 1 / 4000),
+        ((("Save Step : 1", "Save Step : 8"),), 2000.0, 1 / 4000),
         ((("Shutter Speed(s) : 1/4000", "Shutter Type2(nsec) : 2500"),), 2000.0, 2.5e-6),
         ((("Shutter Speed(s) : 1/4000", "Shutter Speed(s) : 0.002"),), 2000.0, 0.002),
         ((("Record Rate(fps) : 2000\nShutter Speed(s) : 1/4000\n", ""),), None, None),

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import MeasurementError, ProjectFileError
+from videogrammetry.geometry import select_cameras
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, compute_motion
 from videogrammetry.pipeline.frames import (
@@ -150,7 +151,7 @@ def measure_project(
     """
     _refuse_filter(project)
     if rig is None:
-        rig = _read_project_rig(project)
+        rig = read_project_rig(project)
     sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
     stages = _stage_range(project, check_same_length(sources))
     rate, warnings = _frame_rate(project, sources)
@@ -187,7 +188,8 @@ def _refuse_filter(project: Project) -> None:
         )
 
 
-def _read_project_rig(project: Project) -> RigData:
+def read_project_rig(project: Project) -> RigData:
+    """rig.json beside the project; ProjectFileError where it has not been calibrated."""
     if not project.rig_path.is_file():
         raise ProjectFileError(
             f"{project.rig_path}: the project has no calibrated rig yet: run "
@@ -217,13 +219,7 @@ def _rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
                 "record and calibrate with the same format (a cropped read-out moves the "
                 "principal point)"
             )
-    cameras = {name: rig.cameras[name] for name in sources}
-    columns = [list(rig.cameras).index(name) for name in cameras]
-    seen = None if rig.volume_seen is None else rig.volume_seen[:, columns]
-    keep = [i for i, n in enumerate(rig.cov_names) if n.rsplit("/", 1)[0] in cameras]
-    cov = None if rig.cov is None else rig.cov[np.ix_(keep, keep)]
-    names = tuple(rig.cov_names[i] for i in keep)
-    return dataclasses.replace(rig, cameras=cameras, cov=cov, cov_names=names, volume_seen=seen)
+    return select_cameras(rig, list(sources))
 
 
 def _stage_range(project: Project, count: int) -> tuple[int, int]:

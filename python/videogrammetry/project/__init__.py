@@ -26,6 +26,7 @@ from videogrammetry.project.schema import (
     SequenceSection,
     StabilitySection,
     TargetsSection,
+    VerifySection,
     read_project,
 )
 from videogrammetry.project.tables import (
@@ -55,6 +56,7 @@ __all__ = [
     "TargetTable",
     "TargetsSection",
     "TrajectoryTable",
+    "VerifySection",
     "atomic_path",
     "format_csv",
     "format_motion",

@@ -111,13 +111,13 @@ def length_statistics(
 
     Examples
     --------
-    The eleven lengths that Hu et al. (2012) print of a bar of 1100.057 mm:
+    The errors of eleven measured lengths of one bar that Hu et al. (2012) print,
+    with "RMS: 0.235":
 
-    >>> printed = np.array([1100.336, 1100.366, 1100.315, 1100.337, 1100.424, 1100.445,
-    ...                     1100.603, 1100.405, 1099.944, 1099.954, 1099.887])
-    >>> s = length_statistics(printed - 1100.057)
+    >>> printed = [0.279, 0.309, 0.257, 0.279, 0.367, 0.388, 0.545, 0.348, -0.113, -0.102, -0.170]
+    >>> s = length_statistics(printed)
     >>> [round(v, 3) for v in (s.mean_mm, s.sd_mm, s.rms_mm, s.largest_mm)]
-    [0.217, 0.235, 0.312, 0.546]
+    [0.217, 0.235, 0.312, 0.545]
     """
     error = np.asarray(error_mm, dtype=float)
     if error.ndim != 1 or not len(error):

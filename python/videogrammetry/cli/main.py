@@ -12,12 +12,21 @@ import os
 import sys
 from collections.abc import Sequence
 
-from videogrammetry.cli import calibrate, doctor, export, info, measure, recognize
+from videogrammetry.cli import (
+    calibrate,
+    doctor,
+    export,
+    info,
+    measure,
+    motion,
+    recognize,
+    verify,
+)
 from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
-VERBS = (recognize, calibrate, measure, export, info, doctor)
+VERBS = (recognize, calibrate, measure, motion, verify, export, info, doctor)
 
 
 def build_parser() -> argparse.ArgumentParser:

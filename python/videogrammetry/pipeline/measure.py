@@ -149,7 +149,7 @@ def measure_project(
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
-    _refuse_filter(project)
+    refuse_filter(project)
     if rig is None:
         rig = read_project_rig(project)
     sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
@@ -163,7 +163,7 @@ def measure_project(
         frame_rate_hz=rate,
         stages=stages,
         recognition=recognition,
-        motion=MotionOptions(reference_stage=_reference(project, stages)),
+        motion=MotionOptions(reference_stage=reference_stage(project, stages)),
         progress=progress,
         num_threads=num_threads,
     )
@@ -180,7 +180,8 @@ def first_free_id(recognition: RecognitionOptions) -> int:
     return len(code_family(recognition.codes)) + 1
 
 
-def _refuse_filter(project: Project) -> None:
+def refuse_filter(project: Project) -> None:
+    """ProjectFileError for a filter, none of which is available yet."""
     if project.motion.filter != "none":
         raise ProjectFileError(
             f"{project.path}: [motion] filter = {project.motion.filter!r} is not available yet; "
@@ -262,7 +263,8 @@ def _frame_rate(
     return next(iter(stated.values())), warnings
 
 
-def _reference(project: Project, stages: tuple[int, int]) -> int:
+def reference_stage(project: Project, stages: tuple[int, int]) -> int:
+    """The project's reference stage, checked against the measured ones."""
     reference = project.motion.reference_stage
     if stages[0] <= reference <= stages[1]:
         return reference

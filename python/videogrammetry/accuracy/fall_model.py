@@ -40,7 +40,8 @@ class FallSolution:
 
     ``cov_image`` (a posteriori) and ``cov_rig`` are (M, M) of the acceleration
     and, where it is estimated, the drag (1/mm); ``time_s`` is the middle, to which
-    ``start_mm`` and ``velocity_mm_s`` (P, 3) refer.
+    ``start_mm`` and ``velocity_mm_s`` (P, 3) refer; ``relative_mm`` (n, P, 3) is the
+    fitted motion of each point beside the mean of all.
     """
 
     acceleration_mm_s2: FloatArray
@@ -57,6 +58,7 @@ class FallSolution:
     start_mm: FloatArray
     velocity_mm_s: FloatArray
     spin_rad_s: FloatArray
+    relative_mm: FloatArray
 
 
 def drag_path(
@@ -71,7 +73,7 @@ def drag_path(
     >>> t, g, k = np.array([0.0, 0.5]), 9806.65, 1e-4
     >>> added = drag_path(t, np.zeros(3), np.array([0, 0, -g]), k)[1, 2]
     >>> exact = -np.log(np.cosh(t[1] * np.sqrt(g * k))) / k + g * t[1]**2 / 2
-    >>> bool(abs(added - exact) < 1e-5), round(added, 3)
+    >>> bool(abs(added - exact) < 1e-5), round(float(added), 3)
     (True, 47.04)
     """
     path = np.zeros((len(time_s), 3))
@@ -130,7 +132,9 @@ def solve_fall(
     for _ in range(_MAX_ROUNDS):
         model_mm = _positions(state, time, path(state)) + _turned(time, state.start, turn)
         residual = np.where(there[..., None], position_mm - model_mm, 0.0)
-        design, by_velocity = _design(state, time, path, model.estimate_drag)
+        # Drag acts on a velocity: the first round finds one.
+        estimate = model.estimate_drag and bool(state.acceleration.any())
+        design, by_velocity = _design(state, time, path, estimate)
         step = _Step(there, weight, design, by_velocity, residual)
         before = state.acceleration
         state = step.apply(state)
@@ -142,7 +146,8 @@ def solve_fall(
             break
     model_mm = _positions(state, time, path(state)) + _turned(time, state.start, turn)
     residual = np.where(there[..., None], position_mm - model_mm, 0.0)
-    return _solution(model, state, step, residual, effects_mm, middle, turn)
+    relative = _relative(state, time) + _turned(time, state.start, turn)
+    return _solution(model, state, step, residual, effects_mm, middle, turn, relative)
 
 
 @dataclass
@@ -173,6 +178,13 @@ def _positions(state: _State, time: FloatArray, path: FloatArray) -> FloatArray:
         state.start[None] + state.velocity[None] * time[:, None, None] + common[:, None]
     )
     return positions
+
+
+def _relative(state: _State, time: FloatArray) -> FloatArray:
+    arm = state.start - state.start.mean(axis=0)
+    drift = state.velocity - state.common_velocity
+    relative: FloatArray = arm + time[:, None, None] * drift
+    return relative
 
 
 def _turned(time: FloatArray, start: FloatArray, turn: FloatArray) -> FloatArray:
@@ -300,6 +312,7 @@ def _solution(
     effects_mm: FloatArray,
     middle: float,
     turn: FloatArray,
+    relative: FloatArray,
 ) -> FallSolution:
     observations = 3 * int(step.there.sum())
     redundancy = observations - 6 * step.there.shape[1] - step.unknowns
@@ -323,4 +336,5 @@ def _solution(
         start_mm=state.start,
         velocity_mm_s=state.velocity,
         spin_rad_s=turn,
+        relative_mm=relative,
     )

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from videogrammetry.accuracy.calibration_part import CalibrationPart
 from videogrammetry.accuracy.fall_model import FallModel, FallSolution, solve_fall
-from videogrammetry.motion.motion import constant_set
 from videogrammetry.types import FloatArray, IntArray, Trajectories, matrix_from_cov6
 
 #: Standard acceleration of free fall, CGPM 1901; the local one lies within 0.3 % of it.
@@ -59,8 +58,9 @@ class FallRegression:
     """The paper's test: a straight line y = slope x + offset through all stages.
 
     x is the measured vertical displacement since the first stage, mean of the
-    points, and y = -g t^2 / 2; both are negative downwards, mm. It supposes
-    that the fall starts from rest at the first stage.
+    points (less what each has moved beside the others, so that a lost one makes
+    no jump), and y = -g t^2 / 2 with t from that stage; both are negative
+    downwards, mm. It supposes that the fall starts from rest there.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ def fall_regression(
     """slope, offset_mm, slope_sigma, residual_rms_mm of y = slope x + offset.
 
     x = ``measured_mm`` (n,) vertical displacements, negative downwards,
-    y = -1000 g t^2 / 2 with t from the first time.
+    y = -1000 g t^2 / 2, t = ``time_s`` (n,) since the start from rest.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def fall_regression(
     x = np.asarray(measured_mm, dtype=float)
     if len(x) < 3:
         raise ValueError(f"measured_mm: a line with a residual needs 3 stages, got {len(x)}")
-    y = -500.0 * gravity_m_s2 * (time_s - time_s[0]) ** 2
+    y = -500.0 * gravity_m_s2 * time_s**2
     centred = x - x.mean()
     spread = float(centred @ centred)
     slope = float(centred @ y) / spread
@@ -223,7 +223,9 @@ def check_free_fall(
         solution = solve_fall(model, position, weight, effects, spin=options.spin)
     fit = _fit(solution, estimated, trajectories.point_id, kept, columns[~enough], options)
     up = fit.up if options.up is None else np.asarray(options.up) / np.linalg.norm(options.up)
-    regression = _regression(trajectories, rows, kept, up, options.gravity_m_s2)
+    regression = _regression(
+        trajectories, rows, kept, solution.relative_mm, up, options.gravity_m_s2
+    )
     return FreeFallTest(
         first=first,
         last=last,
@@ -345,16 +347,20 @@ def _regression(
     table: Trajectories,
     rows: npt.NDArray[np.intp],
     columns: IntArray,
+    relative_mm: FloatArray,
     up: FloatArray,
     gravity: float,
 ) -> FallRegression:
-    """Over the same points at every stage, or a lost point would make the mean jump."""
-    position = table.position_mm[np.ix_(rows, columns)]
-    same = constant_set(np.isfinite(position[..., 0]))
-    whole = np.isfinite(position[:, same, 0]).all(axis=1)
-    height = position[whole][:, same].mean(axis=1) @ up
-    time = table.time_s[rows][whole]
-    slope, offset, sigma, rms = fall_regression(height - height[0], time, gravity)
+    """With each point's own motion, as fitted, taken out: a lost point makes no jump.
+
+    Over all points that own motion has the mean zero, so that without lost
+    points this is the mean displacement.
+    """
+    height = (table.position_mm[np.ix_(rows, columns)] - relative_mm) @ up
+    whole = np.flatnonzero(np.isfinite(height).any(axis=1))
+    level = np.nanmean(height[whole], axis=1)
+    fallen, time = level - level[0], table.time_s[rows][whole] - table.time_s[rows[0]]
+    slope, offset, sigma, rms = fall_regression(fallen, time, gravity)
     return FallRegression(
         slope=slope,
         offset_mm=offset,
@@ -362,7 +368,7 @@ def _regression(
         short_percent=(1 - 1 / slope) * 100,
         residual_rms_mm=rms,
         stage=table.stage[rows][whole],
-        measured_mm=height - height[0],
-        gravity_mm=-500.0 * gravity * (time - time[0]) ** 2,
-        point_id=table.point_id[columns[same]],
+        measured_mm=fallen,
+        gravity_mm=-500.0 * gravity * time**2,
+        point_id=table.point_id[columns],
     )

@@ -112,12 +112,12 @@ def length_statistics(
     Examples
     --------
     The errors of eleven measured lengths of one bar that Hu et al. (2012) print,
-    with "RMS: 0.235":
+    with "RMS: 0.235", which is their standard deviation of unrounded lengths:
 
     >>> printed = [0.279, 0.309, 0.257, 0.279, 0.367, 0.388, 0.545, 0.348, -0.113, -0.102, -0.170]
     >>> s = length_statistics(printed)
     >>> [round(v, 3) for v in (s.mean_mm, s.sd_mm, s.rms_mm, s.largest_mm)]
-    [0.217, 0.235, 0.312, 0.545]
+    [0.217, 0.236, 0.312, 0.545]
     """
     error = np.asarray(error_mm, dtype=float)
     if error.ndim != 1 or not len(error):

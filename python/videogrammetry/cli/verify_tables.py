@@ -19,7 +19,7 @@ from videogrammetry.cli.common import text_table
 from videogrammetry.pipeline.verify import Verification
 from videogrammetry.types import FloatArray
 
-_MAX_ROWS = 60
+_MAX_ROWS = 40
 _MAX_LISTED = 20
 
 
@@ -154,10 +154,11 @@ def free_fall_text(test: FreeFallTest) -> str:
     return (
         f"free fall, stages {test.first} to {test.last}\n"
         f"regression: y = {line.slope:.4f} x {line.offset_mm:+.4f} mm, measured falls are "
-        f"{line.short_percent:+.2f} % short, residual RMS {line.residual_rms_mm:.3f} mm\n"
-        f"  (x measured vertical displacement since stage {int(line.stage[0])}, mean of "
-        f"{len(line.point_id)} points over {len(line.stage)} stages; y = -g t^2/2; both negative "
-        "downwards;\n  supposes a start from rest at that stage)\n"
+        f"{abs(line.short_percent):.3f} % too {'short' if line.short_percent > 0 else 'long'}, "
+        f"residual RMS {line.residual_rms_mm:.3f} mm\n"
+        f"  x: measured vertical displacement since stage {test.first}, mean of "
+        f"{len(line.point_id)} points, {len(line.stage)} stages;\n  y = -g t^2/2, t from that "
+        "stage; both negative downwards; supposes a start from rest there\n"
         f"fit: own start and velocity for each of {len(fit.point_id)} points{dropped}, one common "
         "acceleration\n" + text_table(["", "fit"], rows)
     )

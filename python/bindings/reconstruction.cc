@@ -53,6 +53,30 @@ py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
                   "status"_a = Shaped(points.status, {p}));
 }
 
+py::array_t<double> PointDerivativeArray(const Rig& rig, const Array<std::int64_t>& offsets,
+                                         const Array<std::int32_t>& camera,
+                                         const Array<double>& cov_px2,
+                                         const Array<double>& position_mm,
+                                         const Eigen::MatrixXd& frame_by_parameters,
+                                         int num_threads) {
+  if (cov_px2.size() != 3 * camera.size()) {
+    throw std::invalid_argument("cov_px2: expected (M, 3) for M cameras");
+  }
+  const MatchArrays matches = {{offsets.data(), static_cast<std::size_t>(offsets.size())},
+                               {camera.data(), static_cast<std::size_t>(camera.size())},
+                               nullptr,
+                               cov_px2.data()};
+  std::vector<double> derivatives;
+  {
+    const py::gil_scoped_release release;
+    derivatives = PointDerivatives(
+        rig, matches, {position_mm.data(), static_cast<std::size_t>(position_mm.size())},
+        frame_by_parameters, {num_threads});
+  }
+  return Shaped(derivatives, {offsets.size() - 1, 3,
+                              static_cast<py::ssize_t>(rig.size()) * kNumCameraParameters});
+}
+
 }  // namespace
 
 void BindReconstruction(py::module_& parent) {
@@ -60,6 +84,9 @@ void BindReconstruction(py::module_& parent) {
   m.def("triangulate", &TriangulateArrays, "rig"_a, "offsets"_a.noconvert(), "camera"_a.noconvert(),
         "xy_px"_a.noconvert(), "cov_px2"_a.noconvert(), "cov_rig"_a, "frame_by_parameters"_a,
         "num_threads"_a);
+  m.def("point_derivatives", &PointDerivativeArray, "rig"_a, "offsets"_a.noconvert(),
+        "camera"_a.noconvert(), "cov_px2"_a.noconvert(), "position_mm"_a.noconvert(),
+        "frame_by_parameters"_a, "num_threads"_a);
   m.def(
       "shared_frame_motion",
       [](const Rig& rig, const Array<std::int64_t>& offsets, const Array<std::int32_t>& camera,

@@ -58,7 +58,7 @@ std::vector<Sighting> SightingsOf(const MatchArrays& matches, std::size_t point)
        m < static_cast<std::size_t>(matches.offsets[point + 1]); ++m) {
     Sighting s;
     s.camera = matches.camera[m];
-    s.pixel = {matches.xy_px[2 * m], matches.xy_px[2 * m + 1]};
+    if (matches.xy_px != nullptr) s.pixel = {matches.xy_px[2 * m], matches.xy_px[2 * m + 1]};
     s.cov_px2 << matches.cov_px2[3 * m], matches.cov_px2[3 * m + 1], matches.cov_px2[3 * m + 1],
         matches.cov_px2[3 * m + 2];
     sightings.push_back(s);
@@ -88,6 +88,24 @@ FrameMatrix FrameEffect(const Eigen::Vector3d& x) {
   FrameMatrix effect;
   effect << 0, x.z(), -x.y(), 1, 0, 0, -x.z(), 0, x.x(), 0, 1, 0, x.y(), -x.x(), 0, 0, 0, 1;
   return effect;
+}
+
+// (J^T W J)^-1 of a given point; false if its rays do not determine it.
+bool NoiseCovariance(const Rig& rig, const std::vector<Sighting>& sightings, Intersection* point) {
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  for (const Sighting& s : sightings) {
+    OrientedJacobians jacobians;
+    if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point->position_mm,
+                          &jacobians)) {
+      return false;
+    }
+    normal += jacobians.by_point.transpose() * s.cov_px2.inverse() * jacobians.by_point;
+  }
+  const Eigen::LLT<Eigen::Matrix3d> factor(normal);
+  // 1e-14: the square of the smallest angle between rays, in rad, that still says a depth.
+  if (factor.info() != Eigen::Success || factor.rcond() < 1e-14) return false;
+  point->cov_mm2 = factor.solve(Eigen::Matrix3d::Identity());
+  return true;
 }
 
 // The calibration's part of the points' covariance, prepared for many points:
@@ -163,6 +181,45 @@ Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches) {
                                 std::to_string(used));
   }
   return normal.ldlt().solve(right);
+}
+
+std::vector<double> PointDerivatives(const Rig& rig, const MatchArrays& matches,
+                                     std::span<const double> position_mm,
+                                     const Eigen::MatrixXd& frame_by_parameters,
+                                     const TriangulationOptions& options) {
+  CheckArguments(rig, matches);
+  CheckCovariance(rig, {{}, frame_by_parameters});
+  const std::size_t count = matches.offsets.size() - 1;
+  if (position_mm.size() != 3 * count) {
+    throw std::invalid_argument("position_mm: expected (" + std::to_string(count) + ", 3)");
+  }
+  using RowMatrix = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto columns = static_cast<Eigen::Index>(rig.size()) * kNumCameraParameters;
+  const std::size_t block = 3 * static_cast<std::size_t>(columns);
+  std::vector<double> derivatives(block * count, kNan);
+  auto one = [&](int index) {
+    const auto i = static_cast<std::size_t>(index);
+    const std::vector<Sighting> sightings = SightingsOf(matches, i);
+    Intersection point;
+    point.position_mm = Eigen::Map<const Eigen::Vector3d>(&position_mm[3 * i]);
+    Eigen::Matrix<double, 3, Eigen::Dynamic> gain;
+    if (sightings.size() < 2 || !point.position_mm.allFinite() ||
+        !NoiseCovariance(rig, sightings, &point) || !Gain(rig, sightings, point, &gain)) {
+      return;
+    }
+    Eigen::Map<RowMatrix> result(&derivatives[block * i], 3, columns);
+    result.setZero();
+    for (std::size_t k = 0; k < sightings.size(); ++k) {
+      result.middleCols<kNumCameraParameters>(sightings[k].camera * kNumCameraParameters) +=
+          gain.middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(k) *
+                                                kNumCameraParameters);
+    }
+    if (frame_by_parameters.rows() != 0) {
+      result -= FrameEffect(point.position_mm) * frame_by_parameters;
+    }
+  };
+  ParallelFor(static_cast<int>(count), options.num_threads, one);
+  return derivatives;
 }
 
 TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,

@@ -12,7 +12,7 @@ namespace videogrammetry {
 struct MatchArrays {
   std::span<const std::int64_t> offsets;  ///< P + 1, ascending, offsets[0] = 0
   std::span<const std::int32_t> camera;   ///< index into the rig
-  const double* xy_px = nullptr;          ///< (M, 2)
+  const double* xy_px = nullptr;          ///< (M, 2); may stay null where pictures are not read
   const double* cov_px2 = nullptr;        ///< (M, 3): xx, xy, yy
 };
 
@@ -68,5 +68,21 @@ Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches);
 TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
                                const RigCovariance& rig_covariance = {},
                                const TriangulationOptions& options = {});
+
+/// Derivatives of given points by the parameters of all cameras: of every point
+/// a row-major (3, 16 K) block G - A M, 0 in the columns of cameras that do not
+/// see it (before the frame's motion M is taken out). Errors of the calibration
+/// are common to all points and stages: cov_rig(i, j) = G_i C G_j^T.
+///
+/// @param matches  which cameras see a point, with which covariance; pictures are not read.
+/// @param position_mm  (P, 3) where the points lie; NaN gives NaN.
+/// @param frame_by_parameters  as in RigCovariance; 0 rows: in the rig's axes.
+/// @return (P, 3, 16 K); NaN for a point with fewer than two sightings, behind a
+///     camera, or with parallel rays.
+/// @throws std::invalid_argument on inconsistent sizes or a camera index out of range.
+std::vector<double> PointDerivatives(const Rig& rig, const MatchArrays& matches,
+                                     std::span<const double> position_mm,
+                                     const Eigen::MatrixXd& frame_by_parameters,
+                                     const TriangulationOptions& options = {});
 
 }  // namespace videogrammetry

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from videogrammetry.project import refuse_overwrite
 from videogrammetry.project.provenance import provenance_path
+
+_POINTS = re.compile(r"\s*(\d{1,9})\s*(?:-\s*(\d{1,9})\s*)?")
+_MAX_POINTS = 100_000
 
 SubParsers = Any  # argparse names the type of add_subparsers() only privately
 
@@ -48,6 +52,31 @@ def refuse_overwrite_table(path: Path, force: bool) -> None:
     """``refuse_overwrite`` for a table and the provenance beside it."""
     refuse_overwrite(path, force)
     refuse_overwrite(provenance_path(path), force)
+
+
+def point_list(text: str) -> tuple[int, ...]:
+    """Numbers of points as people write them: single ones and ranges, both ends included.
+
+    Examples
+    --------
+    >>> point_list("4-6,21")
+    (4, 5, 6, 21)
+    """
+    numbers: list[int] = []
+    for part in text.split(","):
+        match = _POINTS.fullmatch(part)
+        if match is None:
+            raise argparse.ArgumentTypeError(
+                f"{text!r}: expected numbers and ranges, like 4-11,21-30"
+            )
+        first = int(match[1])
+        last = first if match[2] is None else int(match[2])
+        if last < first or last - first >= _MAX_POINTS:
+            raise argparse.ArgumentTypeError(
+                f"{part.strip()!r}: the range must ascend, over {_MAX_POINTS} points at most"
+            )
+        numbers += range(first, last + 1)
+    return tuple(sorted(set(numbers)))
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -12,12 +12,22 @@ import os
 import sys
 from collections.abc import Sequence
 
-from videogrammetry.cli import calibrate, doctor, export, info, measure, recognize, simulate
+from videogrammetry.cli import (
+    calibrate,
+    doctor,
+    export,
+    info,
+    measure,
+    motion,
+    recognize,
+    simulate,
+    verify,
+)
 from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
-VERBS = (simulate, recognize, calibrate, measure, export, info, doctor)
+VERBS = (simulate, recognize, calibrate, measure, motion, verify, export, info, doctor)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -10,7 +10,12 @@ from videogrammetry.geometry.camera import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from videogrammetry.geometry.rig import CAMERA_PARAMETERS, full_covariance, rig_model
+from videogrammetry.geometry.rig import (
+    CAMERA_PARAMETERS,
+    full_covariance,
+    rig_model,
+    select_cameras,
+)
 
 __all__ = [
     "CAMERA_PARAMETERS",
@@ -23,5 +28,6 @@ __all__ = [
     "rays_through_pixels",
     "rig_model",
     "rotation_from_vector",
+    "select_cameras",
     "vector_from_rotation",
 ]

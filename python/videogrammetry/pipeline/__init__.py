@@ -3,11 +3,16 @@
 from videogrammetry.pipeline.calibrate import calibrate_frames, calibrate_project
 from videogrammetry.pipeline.frames import Progress
 from videogrammetry.pipeline.measure import measure_frames, measure_project
+from videogrammetry.pipeline.motion import recompute_motion
+from videogrammetry.pipeline.verify import Verification, verify_project
 
 __all__ = [
     "Progress",
+    "Verification",
     "calibrate_frames",
     "calibrate_project",
     "measure_frames",
     "measure_project",
+    "recompute_motion",
+    "verify_project",
 ]

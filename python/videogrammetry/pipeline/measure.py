@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import MeasurementError, ProjectFileError
+from videogrammetry.geometry import select_cameras
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, compute_motion
 from videogrammetry.pipeline.frames import (
@@ -148,9 +149,9 @@ def measure_project(
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
-    _refuse_filter(project)
+    refuse_filter(project)
     if rig is None:
-        rig = _read_project_rig(project)
+        rig = read_project_rig(project)
     sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
     stages = _stage_range(project, check_same_length(sources))
     rate, warnings = _frame_rate(project, sources)
@@ -162,7 +163,7 @@ def measure_project(
         frame_rate_hz=rate,
         stages=stages,
         recognition=recognition,
-        motion=MotionOptions(reference_stage=_reference(project, stages)),
+        motion=MotionOptions(reference_stage=reference_stage(project, stages)),
         progress=progress,
         num_threads=num_threads,
     )
@@ -179,7 +180,8 @@ def first_free_id(recognition: RecognitionOptions) -> int:
     return len(code_family(recognition.codes)) + 1
 
 
-def _refuse_filter(project: Project) -> None:
+def refuse_filter(project: Project) -> None:
+    """ProjectFileError for a filter, none of which is available yet."""
     if project.motion.filter != "none":
         raise ProjectFileError(
             f"{project.path}: [motion] filter = {project.motion.filter!r} is not available yet; "
@@ -187,7 +189,8 @@ def _refuse_filter(project: Project) -> None:
         )
 
 
-def _read_project_rig(project: Project) -> RigData:
+def read_project_rig(project: Project) -> RigData:
+    """rig.json beside the project; ProjectFileError where it has not been calibrated."""
     if not project.rig_path.is_file():
         raise ProjectFileError(
             f"{project.rig_path}: the project has no calibrated rig yet: run "
@@ -217,13 +220,7 @@ def _rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
                 "record and calibrate with the same format (a cropped read-out moves the "
                 "principal point)"
             )
-    cameras = {name: rig.cameras[name] for name in sources}
-    columns = [list(rig.cameras).index(name) for name in cameras]
-    seen = None if rig.volume_seen is None else rig.volume_seen[:, columns]
-    keep = [i for i, n in enumerate(rig.cov_names) if n.rsplit("/", 1)[0] in cameras]
-    cov = None if rig.cov is None else rig.cov[np.ix_(keep, keep)]
-    names = tuple(rig.cov_names[i] for i in keep)
-    return dataclasses.replace(rig, cameras=cameras, cov=cov, cov_names=names, volume_seen=seen)
+    return select_cameras(rig, list(sources))
 
 
 def _stage_range(project: Project, count: int) -> tuple[int, int]:
@@ -274,7 +271,8 @@ def _frame_rate(
     return next(iter(stated.values())), warnings
 
 
-def _reference(project: Project, stages: tuple[int, int]) -> int:
+def reference_stage(project: Project, stages: tuple[int, int]) -> int:
+    """The project's reference stage, checked against the measured ones."""
     reference = project.motion.reference_stage
     if stages[0] <= reference <= stages[1]:
         return reference

@@ -32,6 +32,7 @@ from videogrammetry.project.schema import (
     SequenceSection,
     StabilitySection,
     TargetsSection,
+    VerifySection,
     read_project,
 )
 from videogrammetry.project.tables import (
@@ -61,6 +62,7 @@ __all__ = [
     "TargetTable",
     "TargetsSection",
     "TrajectoryTable",
+    "VerifySection",
     "atomic_folder",
     "atomic_path",
     "format_csv",

@@ -118,6 +118,29 @@ class TomlTable:
             raise self.error(key, f"= {value} is wrong: expected {what}, positive numbers")
         return tuple(value)
 
+    def vector(self, key: str, count: int, default: Any = _NEEDED, *, what: str) -> Any:
+        """A list of ``count`` finite numbers of any sign, not all zero."""
+        value = self._take(key, default, (list,), what)
+        if value is default:
+            return value
+        good = [v for v in value if isinstance(v, int | float) and not isinstance(v, bool)]
+        finite = all(math.isfinite(v) for v in good)
+        if len(value) != count or len(good) != count or not finite or not any(good):
+            raise self.error(key, f"= {value} is wrong: expected {what}, not all zero")
+        return tuple(float(v) for v in value)
+
+    def integers(self, key: str, default: Any = _NEEDED, *, what: str, count: int = 0) -> Any:
+        """A list of whole numbers from 0, each once; of ``count`` if that is not 0."""
+        value = self._take(key, default, (list,), what)
+        if value is default:
+            return value
+        good = [v for v in value if isinstance(v, int) and not isinstance(v, bool) and v >= 0]
+        if len(good) != len(value) or not value or (count and len(value) != count):
+            raise self.error(key, f"= {value} is wrong: expected {what}")
+        if not count and len(set(value)) < len(value):
+            raise self.error(key, "names a number twice: take one away")
+        return tuple(value)
+
     def strings(self, key: str, default: Any = _NEEDED, *, empty: bool = False) -> Any:
         """One text or a list of texts, as a tuple; ``empty``: the list may be so."""
         value = self._take(key, default, (str, list), '"a text" or a list of texts')
@@ -136,6 +159,10 @@ class TomlTable:
     def is_table(self, key: str) -> bool:
         """Whether the key is there and holds a table."""
         return isinstance(self._values.get(key), dict)
+
+    def is_text(self, key: str) -> bool:
+        """Whether the key is there and holds a text."""
+        return isinstance(self._values.get(key), str)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

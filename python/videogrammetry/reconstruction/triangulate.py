@@ -81,6 +81,56 @@ class Triangulator:
         )
         return result
 
+    def derivatives(
+        self,
+        position_mm: npt.ArrayLike,
+        cameras_used: npt.ArrayLike,
+        sigma_px: npt.ArrayLike | None = None,
+    ) -> FloatArray:
+        """Derivatives of given points by the cameras' parameters.
+
+        G = -(J^T W J)^-1 J^T W A, in the frame of this triangulator
+        (``frame_by_parameters``). An error of the calibration is common to all
+        points and stages, so that with C the parameters' covariance
+        (``geometry.full_covariance``) two points have the covariance
+        G_i C G_j^T, and G C G^T is a point's ``cov_rig_mm2``.
+
+        Parameters
+        ----------
+        position_mm : (P, 3) where the points lie; NaN gives NaN.
+        cameras_used : (P, C) bool: which cameras saw them.
+        sigma_px : (P, C), or what broadcasts to it: standard deviation of an
+            image coordinate, the weights of the rays; None: all alike.
+
+        Returns
+        -------
+        (P, 3, 16 C), a camera's parameters as ``geometry.CAMERA_PARAMETERS``;
+        NaN where fewer than two cameras see the point or its rays do not
+        determine it.
+        """
+        position = np.ascontiguousarray(position_mm, dtype=np.float64)
+        used = np.asarray(cameras_used, dtype=bool)
+        if position.ndim != 2 or position.shape[1] != 3:
+            raise ValueError(f"position_mm: expected (P, 3), got {position.shape}")
+        if used.shape != (len(position), len(self.rig.cameras)):
+            raise ValueError(
+                f"cameras_used: expected ({len(position)}, {len(self.rig.cameras)}), "
+                f"got {used.shape}"
+            )
+        sigma = np.broadcast_to(np.asarray(1.0 if sigma_px is None else sigma_px), used.shape)
+        point, camera = np.nonzero(used)
+        variance = np.asarray(sigma[point, camera], dtype=float) ** 2
+        derivatives: FloatArray = _reconstruction.point_derivatives(
+            self._model,
+            np.concatenate([[0], np.cumsum(used.sum(axis=1))]).astype(np.int64),
+            camera.astype(np.int32),
+            np.stack([variance, 0 * variance, variance], axis=1),
+            position,
+            self.frame_by_parameters,
+            self._num_threads,
+        )
+        return derivatives
+
     def _shared_motion(self) -> FloatArray:
         rig = self.rig
         if rig.cov is None or rig.volume_mm is None or rig.volume_seen is None:

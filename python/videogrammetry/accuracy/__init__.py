@@ -1,0 +1,68 @@
+"""Accuracy: what measured things show of a measurement, beside what was predicted."""
+
+from videogrammetry.accuracy.acceptance import AcceptanceCheck, acceptance_checks
+from videogrammetry.accuracy.calibration_part import CalibrationPart, sighting_sigma_px
+from videogrammetry.accuracy.free_fall import (
+    STANDARD_GRAVITY_M_S2,
+    FallFit,
+    FallRegression,
+    FreeFallOptions,
+    FreeFallTest,
+    check_free_fall,
+    fall_regression,
+)
+from videogrammetry.accuracy.reprojection import (
+    DEFINITIONS,
+    ReprojectionStatistics,
+    camera_statistics,
+    measurement_reprojection,
+    reprojection_statistics,
+)
+from videogrammetry.accuracy.scale_bar import (
+    KnownLength,
+    LengthStatistics,
+    ScaleBarTest,
+    check_scale_bars,
+    length_statistics,
+)
+from videogrammetry.accuracy.true_points import TruePoints, measured_from_true
+from videogrammetry.accuracy.truth import (
+    CentroidErrors,
+    ErrorStatistics,
+    TruthComparison,
+    WrongPoint,
+    compare_with_truth,
+    lengths_from_calibration,
+)
+
+__all__ = [
+    "DEFINITIONS",
+    "STANDARD_GRAVITY_M_S2",
+    "AcceptanceCheck",
+    "CalibrationPart",
+    "CentroidErrors",
+    "ErrorStatistics",
+    "FallFit",
+    "FallRegression",
+    "FreeFallOptions",
+    "FreeFallTest",
+    "KnownLength",
+    "LengthStatistics",
+    "ReprojectionStatistics",
+    "ScaleBarTest",
+    "TruePoints",
+    "TruthComparison",
+    "WrongPoint",
+    "acceptance_checks",
+    "camera_statistics",
+    "check_free_fall",
+    "check_scale_bars",
+    "compare_with_truth",
+    "fall_regression",
+    "length_statistics",
+    "lengths_from_calibration",
+    "measured_from_true",
+    "measurement_reprojection",
+    "reprojection_statistics",
+    "sighting_sigma_px",
+]

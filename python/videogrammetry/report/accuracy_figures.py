@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from videogrammetry.report.chart import Axes, Marker, Series, chart, tick_labels, ticks
+from videogrammetry.report.axes import Axes, tick_labels, ticks
+from videogrammetry.report.chart import Marker, Series, chart
 from videogrammetry.report.colours import GREY, INK, PALETTE, diverging_of, diverging_rgb
 from videogrammetry.report.html import Figure, escape
 from videogrammetry.report.svg import drawing
@@ -62,7 +63,7 @@ def scale_bar_figure(
             tips=tips,
         )
 
-    levels = (0.0,) if limit_mm is None else (-limit_mm, 0.0, limit_mm)
+    levels = () if limit_mm is None else (-limit_mm, limit_mm)
     printed = np.array(PAPER_SCALE_BAR_ERRORS_MM)
     theirs = Series(
         name="paper",
@@ -176,7 +177,8 @@ def _map(
     bottom = axes.top + axes.height
     parts = [
         f'<image x="{axes.left}" y="{axes.top}" width="{axes.width}" height="{axes.height:.1f}" '
-        f'preserveAspectRatio="none" style="image-rendering:pixelated" href="{_png(change, largest)}"/>'
+        f'preserveAspectRatio="none" style="image-rendering:pixelated" '
+        f'href="{_png(change, largest)}"/>'
         if change.size
         else ""
     ]
@@ -271,5 +273,4 @@ def _lines(
         width=_WIDE,
         height=280,
         markers=markers,
-        levels=(0.0,),
     )

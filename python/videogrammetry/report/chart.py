@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.report.axes import Axes, tick_labels, ticks
 from videogrammetry.report.colours import GREY, GRID, INK, PALETTE, SOFT
 from videogrammetry.report.html import escape
 from videogrammetry.report.svg import drawing, text_width
 from videogrammetry.types import FloatArray
 
 _MOST_TIPS = 80
+_MOST_CAPS = 30
 _LEGEND_ROW = 18.0
 _SMALLEST_BAND_PX = 0.6
+_BAND_OPACITY = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,63 +60,6 @@ class Marker:
     label: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Axes:
-    """The plot's rectangle in the drawing and the values at its edges."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-    x_range: tuple[float, float]
-    y_range: tuple[float, float]
-
-    def x(self, value: Any) -> Any:
-        """Place of a value in the drawing, from the left."""
-        low, high = self.x_range
-        return self.left + (np.asarray(value, dtype=float) - low) / (high - low) * self.width
-
-    def y(self, value: Any) -> Any:
-        """Place of a value in the drawing, from the top."""
-        low, high = self.y_range
-        return self.top + (high - np.asarray(value, dtype=float)) / (high - low) * self.height
-
-    @property
-    def clip(self) -> str:
-        """Name of the rectangle as a clip path; equal names mean equal rectangles."""
-        return f"clip-{self.left:.0f}-{self.top:.0f}-{self.width:.0f}-{self.height:.0f}"
-
-
-def ticks(low: float, high: float, wanted: int = 6) -> FloatArray:
-    """Round numbers from ``low`` to ``high``, about ``wanted`` of them.
-
-    Examples
-    --------
-    >>> ticks(-0.3, 10.4).tolist()
-    [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
-    """
-    raw = (high - low) / max(1, wanted)
-    if not (math.isfinite(raw) and raw > 0):
-        return np.array([low])
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return np.array([float(f"{k * step:.12g}") for k in range(first, last + 1)])
-
-
-def tick_labels(values: FloatArray) -> list[str]:
-    """Texts of ticks, all with the decimals of their step and a true minus sign.
-
-    Examples
-    --------
-    >>> tick_labels(np.array([-0.5, 0.0, 0.5])), tick_labels(np.array([0.0, 1000.0]))
-    (['−0.5', '0.0', '0.5'], ['0', '1000'])
-    """
-    step = float(values[1] - values[0]) if len(values) > 1 else 1.0
-    places = max(0, -math.floor(math.log10(step) + 1e-9))
-    return [f"{v + 0.0:.{places}f}".replace("-", "\u2212") for v in values]
-
-
 def chart(
     series: Sequence[Series],
     *,
@@ -147,17 +91,17 @@ def chart(
     legend, rows = _legend(coloured, width)
     axes, y_ticks = _axes(series, width, height, rows, x_range, y_range, levels)
     if equal_aspect:
-        axes = _equal(axes)
-        y_ticks = ticks(*axes.y_range, _wanted(axes.height, 46))
+        axes = axes.equal()
+        y_ticks = ticks(*axes.y_range, _wanted(axes.height, 36))
     parts = [_frame(axes, y_ticks, x_label, y_label, width, height), legend]
     parts += [
         f'<path d="M{axes.left:.1f} {axes.y(v):.1f}h{axes.width:.1f}" stroke="{SOFT}" '
         'stroke-dasharray="2 3"/>'
         for v in levels
     ]
-    parts.append(_markers(axes, markers))
     inside = "".join(_series(one, colour, axes) for one, colour in coloured)
     parts.append(f'<g clip-path="url(#{axes.clip})">{inside}</g>')
+    parts.append(_markers(axes, markers))
     if not any(_finite(one).any() for one in series):
         parts.append(_nothing(axes))
     return drawing(width, height, parts, label or f"{y_label} over {x_label}")
@@ -169,7 +113,7 @@ def _finite(one: Series) -> npt.NDArray[np.bool_]:
 
 
 def _wanted(room: float, each: float) -> int:
-    return max(2, int(room / each))
+    return max(3, int(room / each))
 
 
 def _span(values: Sequence[FloatArray], margin: float) -> tuple[float, float]:
@@ -206,7 +150,7 @@ def _axes(
     y_range = y_range or _span(y_values, 0.06)
     top = 10.0 + _LEGEND_ROW * legend_rows
     plot_height = height - top - 44
-    y_ticks = ticks(*y_range, _wanted(plot_height, 40))
+    y_ticks = ticks(*y_range, _wanted(plot_height, 36))
     left = 32 + max(text_width(t) for t in [*tick_labels(y_ticks), "0"])
     axes = Axes(
         left=left,
@@ -217,25 +161,6 @@ def _axes(
         y_range=y_range,
     )
     return axes, y_ticks
-
-
-def _equal(axes: Axes) -> Axes:
-    """The same rectangle with ranges grown so that units are equally long."""
-    x_unit = (axes.x_range[1] - axes.x_range[0]) / axes.width
-    y_unit = (axes.y_range[1] - axes.y_range[0]) / axes.height
-    unit = max(x_unit, y_unit)
-    ranges = []
-    for (low, high), room in ((axes.x_range, axes.width), (axes.y_range, axes.height)):
-        middle, half = (low + high) / 2, unit * room / 2
-        ranges.append((middle - half, middle + half))
-    return Axes(
-        left=axes.left,
-        top=axes.top,
-        width=axes.width,
-        height=axes.height,
-        x_range=ranges[0],
-        y_range=ranges[1],
-    )
 
 
 def _frame(
@@ -285,6 +210,11 @@ def _legend(coloured: Sequence[tuple[Series, str]], width: float) -> tuple[str, 
             x, row = 34.0, row + 1
         y = 12 + row * _LEGEND_ROW
         dash = ' stroke-dasharray="5 3"' if one.dashed else ""
+        if one.line and one.sigma is not None:
+            parts.append(
+                f'<rect x="{x:.1f}" y="{y - 5:.1f}" width="22" height="10" fill="{colour}" '
+                f'fill-opacity="{_BAND_OPACITY}"/>'
+            )
         if one.line:
             parts.append(
                 f'<path d="M{x:.1f} {y:.1f}h22" stroke="{colour}" '
@@ -335,7 +265,8 @@ def _series(one: Series, colour: str, axes: Axes) -> str:
             f'stroke-width="{one.width_px}" stroke-linejoin="round" stroke-linecap="round"{dash}/>'
         )
     if one.points:
-        parts += _bars(x, y, sigma, seen, colour, 1.2, 3.0) if not one.line else []
+        few = seen.sum() <= _MOST_CAPS
+        parts += _bars(x, y, sigma, seen, colour, 1.2, 3.0 if few else 0.0) if not one.line else []
         parts += _bars(x, y, _lengths(one.sigma_inner, axes), seen, colour, 4.0, 0.0)
         parts += _points(one, x, y, seen, colour)
     return "".join(parts)
@@ -375,7 +306,9 @@ def _band(
         there = [f"{x[i]:.1f} {y[i] - sigma[i]:.1f}" for i in range(begin, end)]
         back = [f"{x[i]:.1f} {y[i] + sigma[i]:.1f}" for i in reversed(range(begin, end))]
         parts.append("M" + "L".join(there + back) + "Z")
-    return f'<path d="{"".join(parts)}" fill="{colour}" fill-opacity="0.18" stroke="none"/>'
+    return (
+        f'<path d="{"".join(parts)}" fill="{colour}" fill-opacity="{_BAND_OPACITY}" stroke="none"/>'
+    )
 
 
 def _bars(
@@ -394,7 +327,7 @@ def _bars(
     return [
         f'<path d="M{x[i]:.1f} {y[i] - sigma[i]:.1f}v{2 * sigma[i]:.1f}{ends}'
         + (f'm{-cap} {-2 * sigma[i]:.1f}m{-cap} 0h{2 * cap}"' if cap else '"')
-        + f' stroke="{colour}" stroke-width="{width}" stroke-opacity="0.75" fill="none"/>'
+        + f' stroke="{colour}" stroke-width="{width}" stroke-opacity="0.6" fill="none"/>'
         for i in np.flatnonzero(seen & np.isfinite(sigma))
     ]
 

@@ -16,7 +16,7 @@ from videogrammetry.report.svg import drawing, round_down
 from videogrammetry.types import FloatArray, Measurement
 
 VIEWS = ("front", "right")
-_MARGIN, _HEAD, _FOOT, _GAP = 30.0, 44.0, 20.0, 8.0
+_MARGIN, _HEAD, _FOOT, _GAP = 30.0, 44.0, 38.0, 8.0
 _BAR = 44.0
 
 
@@ -130,12 +130,14 @@ def displacement_figure(
     across = len(rows) * sum(box.size[0] for box in boxes.values())
     tall = max(box.size[1] for box in boxes.values())
     scale = min(free / across, (height - _HEAD - _FOOT - _BAR) / tall)
+    narrowest = min(box.size[0] for box in boxes.values()) + 2 * _MARGIN / scale
+    bar_mm = round_down(narrowest / 2.6)
     parts, left = [], 0.0
     panel = None
     for row in rows:
         for view in views:
             panel = _Panel(boxes[view], left, 0.0, scale, scene.side_axes(view))
-            parts += _panel(measurement, row, panel, scene, view, largest)
+            parts += _panel(measurement, row, panel, scene, view, largest, bar_mm)
             left += panel.width + _GAP
     bottom = panel.height if panel else 0.0
     parts += _colour_bar(0.0, bottom + 12, largest, motion.reference_stage)
@@ -179,7 +181,13 @@ def _centroid_way(measurement: Measurement, row: int) -> FloatArray:
 
 
 def _panel(
-    measurement: Measurement, row: int, panel: _Panel, scene: Scene, view: str, largest: float
+    measurement: Measurement,
+    row: int,
+    panel: _Panel,
+    scene: Scene,
+    view: str,
+    largest: float,
+    bar_mm: float,
 ) -> list[str]:
     table = measurement.trajectories
     stage, time = int(table.stage[row]), float(table.time_s[row])
@@ -193,7 +201,7 @@ def _panel(
         *_ground(panel, scene),
         *_outline(panel, scene.outline_at(_centroid_way(measurement, row))),
         *_rays(measurement, row, panel, largest),
-        *_scale_bar(panel),
+        *_scale_bar(panel, bar_mm),
     ]
     return parts
 
@@ -268,14 +276,12 @@ def _rays(measurement: Measurement, row: int, panel: _Panel, largest: float) -> 
     return rays + dots + names
 
 
-def _scale_bar(panel: _Panel) -> list[str]:
-    """A round length, about a third of the panel's width."""
-    length = round_down(panel.width / 2.6 / panel.scale)
-    x, y = panel.left + 12, panel.top + panel.height - 8
-    end = x + length * panel.scale
+def _scale_bar(panel: _Panel, length_mm: float) -> list[str]:
+    x, y = panel.left + 12, panel.top + panel.height - 10
+    end = x + length_mm * panel.scale
     return [
         f'<path d="M{x:.1f} {y - 4:.1f}v4H{end:.1f}v-4" stroke="{NIGHT_INK}" fill="none"/>',
-        _text(end + 5, y + 1, f"{length:g} mm", NIGHT_SOFT),
+        _text(end + 5, y + 1, f"{length_mm:g} mm", NIGHT_SOFT),
     ]
 
 
@@ -287,10 +293,11 @@ def _colour_bar(left: float, top: float, largest: float, reference: int) -> list
         for i in range(steps)
     )
     ink: dict[str, Any] = {"colour": "#1c2430"}
+    places = 0 if largest >= 100 else 2 if largest >= 1 else 4
     return [
-        bar,
+        f'<g shape-rendering="crispEdges">{bar}</g>',
         _text(left, top + 24, "0", **ink),
-        _text(left + width / 2, top + 24, f"{largest / 2:.4g}", anchor="middle", **ink),
-        _text(left + width, top + 24, f"{largest:.4g}", anchor="end", **ink),
+        _text(left + width / 2, top + 24, f"{largest / 2:.{places}f}", anchor="middle", **ink),
+        _text(left + width, top + 24, f"{largest:.{places}f}", anchor="end", **ink),
         _text(left + width + 12, top + 9, f"displacement since stage {reference}, mm", **ink),
     ]

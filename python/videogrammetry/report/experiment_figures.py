@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.report.chart import Marker, Series, chart
-from videogrammetry.report.colours import GREY, INK, PALETTE
+from videogrammetry.report.colours import GREY, INK, PALETTE, SOFT
 from videogrammetry.report.html import Figure
 from videogrammetry.report.space import Scene, row_of_stage
 from videogrammetry.types import FloatArray, Measurement, matrix_from_cov6
@@ -163,7 +163,7 @@ def _path_figure(
                 y_label="up, mm",
                 label=f"Trajectory of the centroid, {name} and up",
                 width=_HALF / 2,
-                height=430,
+                height=470,
                 equal_aspect=True,
             )
         )
@@ -234,7 +234,7 @@ def _errors(
             x=time,
             y=np.where(np.isfinite(largest), 0.0, np.nan),
             sigma=largest,
-            colour=GREY,
+            colour=SOFT,
             width_px=0.6,
         )
     ]
@@ -296,7 +296,7 @@ def free_fall_figure(
     left = float(np.sqrt(np.mean(rest[seen] ** 2))) if seen.any() else float("nan")
     deviation = 100 * (1 - 1 / slope)  # slope 1.0188: falls measured 1.85 % short
     size = "short" if deviation > 0 else "long"
-    fall = f"the measured falls are {abs(deviation):.3g} % too {size}"
+    fall = f"the measured falls are {abs(deviation):.2g} % too {size}"
     residuals = Series(
         name=f"RMS {left:.3f} mm",
         x=x,
@@ -327,7 +327,6 @@ def free_fall_figure(
                 label="Residuals of the free fall's line",
                 width=_HALF,
                 height=360,
-                levels=(0.0,),
             ),
             "Without a trend the fall is a parabola to this level."
             + ("" if sigma_mm is None else " Bars: \u00b1 predicted sigma."),

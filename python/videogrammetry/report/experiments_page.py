@@ -26,7 +26,8 @@ _STYLE = (
     + """
 .two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:8px 22px;align-items:start}
 .two>figure>.two{gap:0}
-@media (max-width:820px){.two{grid-template-columns:1fr}.two>figure>.two{grid-template-columns:1fr 1fr}}
+@media (max-width:820px){.two{grid-template-columns:1fr}
+.two>figure>.two{grid-template-columns:1fr 1fr}}
 .card>figure:last-child{margin-bottom:0}
 .lead{font-size:17px;color:var(--ink);max-width:78ch}
 td.name{font-weight:600;white-space:normal;text-align:left}
@@ -160,10 +161,10 @@ def _notes(content: ExperimentsPage, stages: Sequence[int]) -> dict[int, str]:
         if content.measurement is not None:
             table_ = content.measurement.trajectories
             time = table_.time_s[row_of_stage(table_.stage, stage)]
-            words += [f"{1e3 * time:.0f}\u00a0ms"] if np.isfinite(time) else []
+            words += [f"{1e3 * time:.0f} ms"] if np.isfinite(time) else []
         if content.stage_notes.get(stage):
             words.append(content.stage_notes[stage])
-        notes[stage] = " ".join(words)
+        notes[stage] = "\n".join(words)
     return notes
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,7 @@ from videogrammetry.types import FloatArray, IntArray, TargetRecords, Targets
 
 Crop = tuple[int, int, int, int]
 _HEAD, _SIDE, _GAP = 24.0, 78.0, 6.0
+_HIGHEST = 440.0
 _CODED, _NAMED, _NAMELESS = "#40e082", "#5abeff", "#ffa826"
 #: A code ring's outer radius over its dot's.
 _RING = 3.3
@@ -62,7 +64,7 @@ def recognised_pictures(
     crops : camera -> left, top, right, bottom in pixels, right and bottom
         exclusive, the same at all stages; None = around the numbered targets.
     stage_notes : stage -> a few words beside its row.
-    width : of the drawing. jpeg_quality : of the embedded pictures.
+    width : of the drawing, at most; a cell is never higher than a limit. jpeg_quality : of the embedded pictures.
     """
     found = {
         (stage, camera): _found(targets, stage, camera, camera_names)
@@ -72,7 +74,9 @@ def recognised_pictures(
     crops = crops or _crops(pictures, found, stages, camera_names)
     cell_w = (width - _SIDE - _GAP * len(camera_names)) / max(1, len(camera_names))
     ratios = [(c[3] - c[1]) / max(1, c[2] - c[0]) for c in crops.values()]
-    cell_h = cell_w * max(ratios, default=1.0)
+    cell_h = min(cell_w * max(ratios, default=1.0), _HIGHEST)
+    cell_w = min(cell_w, cell_h / min(ratios, default=1.0))
+    width = _SIDE + len(camera_names) * (cell_w + _GAP)
     parts = []
     for column, camera in enumerate(camera_names):
         x = _SIDE + column * (cell_w + _GAP)
@@ -100,16 +104,11 @@ def _row_head(stage: int, note: str, y: float) -> list[str]:
         f'<text x="0" y="{y + 14:.1f}" style="fill:{INK};font-size:13px;font-weight:600">'
         f"stage {stage}</text>"
     ]
-    line, number = "", 0
-    for word in [*note.split(), ""]:
-        if line and (not word or len(line) + len(word) > 12):
-            number += 1
-            lines.append(
-                f'<text x="0" y="{y + 16 + 14 * number:.1f}" style="fill:{SOFT}">'
-                f"{escape(line)}</text>"
-            )
-            line = ""
-        line = f"{line} {word}".strip()
+    words = [piece for line in note.splitlines() for piece in textwrap.wrap(line, 12)]
+    lines += [
+        f'<text x="0" y="{y + 30 + 14 * k:.1f}" style="fill:{SOFT}">{escape(line)}</text>'
+        for k, line in enumerate(words)
+    ]
     return lines
 
 

@@ -22,7 +22,7 @@ SPACE_VIEW_STYLE = """
 .space-view canvas:active{cursor:grabbing}
 .space-view .bar{display:flex;flex-wrap:wrap;gap:8px 16px;align-items:center;padding:10px 16px;
 background:#1a2029;font-size:13px}
-.space-view .bar input[type=range]{flex:1 1 220px}
+.space-view .bar input[type=range]{flex:1 1 120px}
 .space-view button{font:inherit;color:inherit;background:#2a3340;border:1px solid #3a4656;
 border-radius:6px;padding:3px 12px;cursor:pointer}
 .space-view button:hover{background:#364253}

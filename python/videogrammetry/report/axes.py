@@ -35,7 +35,7 @@ class Axes:
     @property
     def clip(self) -> str:
         """Name of the rectangle as a clip path; equal names mean equal rectangles."""
-        return f"clip-{self.left:.0f}-{self.top:.0f}-{self.width:.0f}-{self.height:.0f}"
+        return f"clip-{self.left:.1f}-{self.top:.1f}-{self.width:.1f}-{self.height:.1f}"
 
     def equal(self) -> Axes:
         """The same rectangle with ranges grown so that units are equally long."""
@@ -67,9 +67,12 @@ def ticks(low: float, high: float, wanted: int = 6) -> FloatArray:
     raw = (high - low) / max(1, wanted)
     if not (math.isfinite(raw) and raw > 0):
         return np.array([low])
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1 - 1e-9))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    first = last = 0
+    while last <= first:  # at least two, or there is no scale
+        power = 10.0 ** math.floor(math.log10(raw))
+        step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1 - 1e-9))
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        raw /= 2
     return np.array([float(f"{k * step:.12g}") for k in range(first, last + 1)])
 
 

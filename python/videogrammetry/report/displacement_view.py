@@ -147,6 +147,7 @@ def displacement_figure(
         bottom + _BAR,
         parts,
         f"Displacement of the points at stages {named}, {' and '.join(views)} view",
+        enlarge=False,
     )
 
 

@@ -163,7 +163,7 @@ def _path_figure(
                 y_label="up, mm",
                 label=f"Trajectory of the centroid, {name} and up",
                 width=_HALF / 2,
-                height=470,
+                height=590,
                 equal_aspect=True,
             )
         )

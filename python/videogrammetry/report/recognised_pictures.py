@@ -64,19 +64,21 @@ def recognised_pictures(
     crops : camera -> left, top, right, bottom in pixels, right and bottom
         exclusive, the same at all stages; None = around the numbered targets.
     stage_notes : stage -> a few words beside its row.
-    width : of the drawing, at most; a cell is never higher than a limit. jpeg_quality : of the embedded pictures.
+    width : of the drawing, at most; a cell is never higher than a limit.
+    jpeg_quality : of the embedded pictures.
     """
     found = {
         (stage, camera): _found(targets, stage, camera, camera_names)
         for stage in stages
         for camera in camera_names
     }
-    crops = crops or _crops(pictures, found, stages, camera_names)
     cell_w = (width - _SIDE - _GAP * len(camera_names)) / max(1, len(camera_names))
+    if not crops:
+        crops = _crops(pictures, found, stages, camera_names, cell_w / _HIGHEST)
     ratios = [(c[3] - c[1]) / max(1, c[2] - c[0]) for c in crops.values()]
     cell_h = min(cell_w * max(ratios, default=1.0), _HIGHEST)
     cell_w = min(cell_w, cell_h / min(ratios, default=1.0))
-    width = _SIDE + len(camera_names) * (cell_w + _GAP)
+    width = _SIDE + max(1, len(camera_names)) * (cell_w + _GAP)
     parts = []
     for column, camera in enumerate(camera_names):
         x = _SIDE + column * (cell_w + _GAP)
@@ -95,7 +97,7 @@ def recognised_pictures(
     height = _HEAD + len(stages) * (cell_h + _GAP) + 22
     parts += _key(_SIDE, height - 8)
     return drawing(
-        width, height, parts, f"Recognised targets at stages {', '.join(map(str, stages))}"
+        width, height, parts, f"Recognised targets at stages {', '.join(map(str, stages))}", False
     )
 
 
@@ -140,8 +142,12 @@ def _crops(
     found: Mapping[tuple[int, str], _Found],
     stages: Sequence[int],
     camera_names: Sequence[str],
+    narrowest: float,
 ) -> dict[str, Crop]:
-    """Around the numbered targets of all stages, equally large for all cameras."""
+    """Around the numbered targets of all stages, equally large for all cameras.
+
+    ``narrowest``: least width over height, so that tall crops use their cell's width.
+    """
     spans: dict[str, tuple[FloatArray, FloatArray]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     for camera in camera_names:
@@ -160,6 +166,7 @@ def _crops(
     if not spans:
         return {}
     size = np.max([high - low for low, high in spans.values()], axis=0)
+    size[0] = max(size[0], size[1] * narrowest)
     crops = {}
     for camera, (low, high) in spans.items():
         limit = np.array(sizes[camera])

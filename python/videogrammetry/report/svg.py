@@ -173,10 +173,16 @@ def coverage(
     return drawing(drawn_w, drawn_h, parts, "coverage of the picture"), float((counts > 0).mean())
 
 
-def drawing(width: float, height: float, parts: Sequence[str], label: str) -> str:
-    """An SVG that stands alone or in a page, with ``label`` for those who do not see it."""
+def drawing(
+    width: float, height: float, parts: Sequence[str], label: str, enlarge: bool = True
+) -> str:
+    """An SVG that stands alone or in a page, with ``label`` for those who do not see it.
+
+    It grows and shrinks with its place, beyond ``width`` pixels only if ``enlarge``.
+    """
+    most = "" if enlarge else f' style="max-width:{width:.0f}px"'
     return (
-        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}"{most} role="img" aria-label="{escape(label)}" '
         'xmlns="http://www.w3.org/2000/svg" font-family="system-ui,Segoe UI,Roboto,Arial,'
         f'sans-serif" font-size="11" fill="{SOFT}">{"".join(parts)}</svg>'
     )

@@ -25,6 +25,8 @@ PAPER_FALL_SLOPE, PAPER_FALL_OFFSET_MM = 1.0188, 0.9643
 _COMPONENTS = ("right", "up", "away")
 _COLOURS = (PALETTE[0], PALETTE[1], PALETTE[2], INK)
 _HALF, _TALL = 560.0, 300.0
+#: A band narrower than this part of the largest value cannot be seen.
+_VISIBLE_SIGMA = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,8 +188,18 @@ def _history(
     markers: Sequence[Marker],
 ) -> Figure:
     """Components and length over time."""
+    known = np.abs(values[np.isfinite(values)])
+    widest = np.where(np.isfinite(sigmas), sigmas, 0.0).max(initial=0.0)
+    visible = widest > _VISIBLE_SIGMA * known.max(initial=0.0)
     series = [
-        Series(name=word, x=time, y=values[:, k], sigma=sigmas[:, k], colour=colour, width_px=wide)
+        Series(
+            name=word,
+            x=time,
+            y=values[:, k],
+            sigma=sigmas[:, k] if visible else None,
+            colour=colour,
+            width_px=wide,
+        )
         for k, (word, colour, wide) in enumerate(
             zip((*_COMPONENTS, "magnitude"), _COLOURS, (1.7, 1.7, 1.7, 2.2), strict=True)
         )

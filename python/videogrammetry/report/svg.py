@@ -182,7 +182,8 @@ def drawing(
     """
     most = "" if enlarge else f' style="max-width:{width:.0f}px"'
     return (
-        f'<svg viewBox="0 0 {width:.0f} {height:.0f}"{most} role="img" aria-label="{escape(label)}" '
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}"{most} role="img" '
+        f'aria-label="{escape(label)}" '
         'xmlns="http://www.w3.org/2000/svg" font-family="system-ui,Segoe UI,Roboto,Arial,'
         f'sans-serif" font-size="11" fill="{SOFT}">{"".join(parts)}</svg>'
     )

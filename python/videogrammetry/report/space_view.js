@@ -44,9 +44,10 @@
       for (let s = 0; s < stages; s++) for (let p = 0; p < points; p++) hold(at(s, p));
       for (const line of data.outline) line.forEach(hold);
       if (withCameras) for (const camera of data.cameras) camera.corners.forEach(hold);
-      if (!(low[0] <= high[0])) return { middle: [0, 0, 0], size: 1 };
+      if (!(low[0] <= high[0])) return { middle: [0, 0, 0], wide: 1, tall: 1 };
+      const [wide, tall, deep] = low.map((v, i) => high[i] - v);
       const middle = low.map((v, i) => (v + high[i]) / 2);
-      return { middle, size: Math.hypot(...low.map((v, i) => high[i] - v)) || 1 };
+      return { middle, wide: Math.hypot(wide, deep) || 1, tall: tall || 1 };
     };
     const near = extent(false), far = extent(true);
     let held = near;
@@ -55,9 +56,10 @@
     const projector = () => {
       const ct = Math.cos(state.turn), st = Math.sin(state.turn);
       const ce = Math.cos(state.tilt), se = Math.sin(state.tilt);
-      const room = Math.min(state.width, state.height) - 30;
-      const scale = (room / held.size) * state.zoom * 1.06;
-      const cx = state.width / 2 + state.pan[0], cy = state.height / 2 + state.pan[1];
+      // What is held fits whatever the turn; the legend stands below it.
+      const needed = Math.abs(ce) * held.tall + Math.abs(se) * held.wide;
+      const scale = state.zoom * Math.min((state.width - 80) / held.wide, (state.height - 90) / needed);
+      const cx = state.width / 2 + state.pan[0], cy = state.height / 2 - 10 + state.pan[1];
       const project = (xyz) => {
         const x = xyz[0] - held.middle[0], y = xyz[1] - held.middle[1], z = xyz[2] - held.middle[2];
         const right = ct * x - st * z, away = st * x + ct * z;
@@ -78,7 +80,7 @@
 
     const drawGround = (project) => {
       if (data.ground === null) return;
-      const half = 0.36 * near.size, [mx, , mz] = near.middle;
+      const half = 0.4 * Math.max(near.tall, near.wide), [mx, , mz] = near.middle;
       pen.lineWidth = 1;
       pen.strokeStyle = "rgba(125,138,160,0.32)";
       for (let i = -4; i <= 4; i++) {
@@ -111,8 +113,8 @@
         const [apex, ...ring] = camera.corners;
         polyline(project, ring, true);
         for (const corner of ring) polyline(project, [apex, corner], false);
-        const [x, y] = project(apex);
-        pen.fillText(camera.name, x, y - 8);
+        const drawnAt = camera.corners.map(project);
+        pen.fillText(camera.name, drawnAt[0][0], Math.max(...drawnAt.map((c) => c[1])) + 15);
       }
     };
 
@@ -181,12 +183,16 @@
 
     const drawNames = () => {
       pen.fillStyle = "#e6ebf2";
-      for (const dot of drawn) {
+      const written = []; // a number that would stand on another is left out
+      for (const dot of drawn.slice().reverse()) {
         if (dot.p === state.hover) {
           const way = dot.way === null ? "" : `, ${(dot.way / 100).toFixed(2)} mm`;
           const left = dot.x > state.width - 130;
           text(`point ${data.ids[dot.p]}${way}`, dot.x + (left ? -9 : 9), dot.y - 7, left ? "right" : "left");
-        } else if (shows("ids")) text(String(data.ids[dot.p]), dot.x + 7, dot.y + 4, "left");
+        } else if (shows("ids") && !written.some(([x, y]) => Math.abs(x - dot.x) < 18 && Math.abs(y - dot.y) < 9)) {
+          written.push([dot.x, dot.y]);
+          text(String(data.ids[dot.p]), dot.x + 7, dot.y + 4, "left");
+        }
       }
     };
 

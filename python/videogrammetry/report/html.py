@@ -64,17 +64,26 @@ class Cell:
     background: str = ""
 
 
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with its title and, below, what is to be seen in it."""
+
+    title: str
+    svg: str
+    note: str = ""
+
+
 def escape(text: Any) -> str:
     """Text as it may stand in HTML and SVG, in attributes too."""
     return html.escape(str(text), quote=True)
 
 
-def page(title: str, body: str) -> str:
-    """A whole page."""
+def page(title: str, body: str, style: str = "") -> str:
+    """A whole page; ``style`` adds to the style of all pages."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head>\n"
+        f"<title>{escape(title)}</title><style>{STYLE}{style}</style></head>\n"
         f"<body><main>\n{body}</main></body></html>\n"
     )
 

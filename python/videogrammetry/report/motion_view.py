@@ -12,34 +12,11 @@ from html import escape
 
 import numpy as np
 
+from videogrammetry.report.colours import colour_of
+from videogrammetry.report.space import camera_pyramids, row_of_stage
 from videogrammetry.types import FloatArray, Measurement, RigData
 
 _WIDTH, _HEIGHT, _MARGIN = 960, 620, 56
-# Perceptually even from dark blue over green to yellow (nodes of "viridis").
-_COLOURS = np.array(
-    [
-        [68, 1, 84],
-        [59, 82, 139],
-        [33, 145, 140],
-        [94, 201, 98],
-        [253, 231, 37],
-    ],
-    dtype=float,
-)
-
-
-def colour_of(share: float) -> str:
-    """The colour of a value between 0 and 1.
-
-    Examples
-    --------
-    >>> colour_of(0.0), colour_of(1.0)
-    ('#440154', '#fde725')
-    """
-    place = min(max(share, 0.0), 1.0) * (len(_COLOURS) - 1)
-    low = min(int(place), len(_COLOURS) - 2)
-    mixed = _COLOURS[low] + (place - low) * (_COLOURS[low + 1] - _COLOURS[low])
-    return "#" + "".join(f"{round(v):02x}" for v in mixed)
 
 
 class _Canvas:
@@ -93,7 +70,7 @@ def motion_view_svg(
     here, way = table.position_mm[row], length[row]
     shown = np.flatnonzero(np.isfinite(way))
     start = here[shown] - motion.displacement_mm[row, shown]
-    corners = _camera_pyramids(rig, here[np.isfinite(here[:, 0])]) if rig is not None else []
+    corners = camera_pyramids(rig, here[np.isfinite(here[:, 0])]) if rig is not None else []
     cloud = [here[np.isfinite(here[:, 0])], start, *(c for _, c in corners)]
     canvas = _Canvas(np.concatenate(cloud), np.deg2rad(turn_deg), np.deg2rad(tilt_deg))
     low, high = (float(way[shown].min()), float(way[shown].max())) if len(shown) else (0.0, 1.0)
@@ -118,27 +95,7 @@ def _row_of(measurement: Measurement, length: FloatArray, stage: int | None) -> 
         counted = np.isfinite(length)
         mean = np.where(counted, length, 0).sum(axis=1) / np.maximum(counted.sum(axis=1), 1)
         return int(np.argmax(mean))
-    rows = np.flatnonzero(stages == stage)
-    if not len(rows):
-        raise ValueError(f"stage: {stage} was not measured; it has {stages[0]} to {stages[-1]}")
-    return int(rows[0])
-
-
-def _camera_pyramids(rig: RigData, points: FloatArray) -> list[tuple[str, FloatArray]]:
-    """Apex and four corners of each camera's field, a tenth of the way to the object."""
-    pyramids = []
-    middle = points.mean(axis=0)
-    for name, camera in rig.cameras.items():
-        centre = camera.centre_mm
-        reach = 0.12 * float(np.linalg.norm(middle - centre))
-        width, height = camera.image_size_px
-        f = camera.interior[0]
-        corners = np.array([[sx * width / 2 / f, sy * height / 2 / f, 1.0] for sx, sy in _CORNERS])
-        pyramids.append((name, np.vstack([centre, centre + reach * corners @ camera.rotation])))
-    return pyramids
-
-
-_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    return row_of_stage(stages, stage)
 
 
 def _cameras(pyramids: Sequence[tuple[str, FloatArray]], canvas: _Canvas) -> list[str]:

@@ -73,7 +73,7 @@ def draw_overlay(frame: npt.NDArray[Any], targets: Targets, title: str = "") -> 
     """
     height, width = frame.shape
     scale = min(_LARGEST_ENLARGEMENT, max(1, -(-_SMALLEST_WIDTH // width)))
-    picture = Image.fromarray(_stretched(frame)).convert("RGB")
+    picture = Image.fromarray(stretched(frame)).convert("RGB")
     if scale > 1:
         picture = picture.resize((width * scale, height * scale), Image.Resampling.BICUBIC)
     kinds = [_kind(targets, i) for i in range(len(targets))]
@@ -100,7 +100,7 @@ def _kind(targets: Targets, index: int) -> str:
     return PLAIN if targets.ring_status[index] in (0, 1) else DOUBTFUL
 
 
-def _stretched(frame: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+def stretched(frame: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
     """8-bit picture in which the dark parts can be seen."""
     low, high = np.percentile(frame, (1, 99.8))
     values = np.clip((frame.astype(np.float32) - low) / max(high - low, 1), 0, 1)

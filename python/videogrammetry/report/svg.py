@@ -72,7 +72,7 @@ def residual_vectors(
         else:
             parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.3" fill="{BLUE}"/>')
     parts.append(_scale_bar(magnification, height * scale + 20, typical))
-    return _svg(_WIDTH, bottom, parts, "residual vectors")
+    return drawing(_WIDTH, bottom, parts, "residual vectors")
 
 
 def _thinned(used: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
@@ -101,7 +101,9 @@ def histogram(residual_px: FloatArray, used: npt.NDArray[np.bool_]) -> str:
     width, height, floor = 470.0, 190.0, 160.0
     values = residual_px[used].ravel()
     if not len(values):
-        return _svg(width, height, ['<text x="10" y="90">no observation used</text>'], "histogram")
+        return drawing(
+            width, height, ['<text x="10" y="90">no observation used</text>'], "histogram"
+        )
     spread = float(np.sqrt(np.mean(values**2))) or 1.0
     step = round_down(spread / 2)
     half = max(4, min(16, math.ceil(4.2 * spread / step)))
@@ -135,7 +137,7 @@ def histogram(residual_px: FloatArray, used: npt.NDArray[np.bool_]) -> str:
             f'y="{floor + 16}" text-anchor="middle">{value:.3g}</text>'
         )
     parts.append(f'<text x="{width - 8}" y="{height - 1}" text-anchor="end">px</text>')
-    return _svg(width, height, parts, "histogram of residuals")
+    return drawing(width, height, parts, "histogram of residuals")
 
 
 def coverage(
@@ -168,11 +170,26 @@ def coverage(
             f'<text x="{x + cell_w / 2:.1f}" y="{y + cell_h / 2 + 4:.1f}" '
             f'text-anchor="middle" style="fill:{ink}">{n}</text>'
         )
-    return _svg(drawn_w, drawn_h, parts, "coverage of the picture"), float((counts > 0).mean())
+    return drawing(drawn_w, drawn_h, parts, "coverage of the picture"), float((counts > 0).mean())
 
 
-def _svg(width: float, height: float, parts: list[str], label: str) -> str:
+def drawing(
+    width: float, height: float, parts: Sequence[str], label: str, enlarge: bool = True
+) -> str:
+    """An SVG that stands alone or in a page, with ``label`` for those who do not see it.
+
+    It grows and shrinks with its place, beyond ``width`` pixels only if ``enlarge``.
+    """
+    most = "" if enlarge else f' style="max-width:{width:.0f}px"'
     return (
-        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
-        f'xmlns="http://www.w3.org/2000/svg">{"".join(parts)}</svg>'
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}"{most} role="img" '
+        f'aria-label="{escape(label)}" '
+        'xmlns="http://www.w3.org/2000/svg" font-family="system-ui,Segoe UI,Roboto,Arial,'
+        f'sans-serif" font-size="11" fill="{SOFT}">{"".join(parts)}</svg>'
     )
+
+
+def text_width(text: str, font_px: float = 11.0) -> float:
+    """About how wide a text will be: no font is at hand here."""
+    narrow = sum(text.count(c) for c in " .,:;il|'()/")
+    return font_px * (0.58 * (len(text) - narrow) + 0.32 * narrow)

@@ -308,7 +308,8 @@ def free_fall_figure(
     left = float(np.sqrt(np.mean(rest[seen] ** 2))) if seen.any() else float("nan")
     deviation = 100 * (1 - 1 / slope)  # slope 1.0188: falls measured 1.85 % short
     size = "short" if deviation > 0 else "long"
-    fall = f"the measured falls are {abs(deviation):.2g} % too {size}"
+    doubt = "" if slope_sigma is None else f" \u00b1 {100 * slope_sigma:.1g}"
+    fall = f"the measured falls are {abs(deviation):.2g}{doubt} % too {size}"
     residuals = Series(
         name=f"RMS {left:.3f} mm",
         x=x,

@@ -23,6 +23,11 @@ from videogrammetry.types import FloatArray, Measurement, matrix_from_cov6
 PAPER_FALL_SLOPE, PAPER_FALL_OFFSET_MM = 1.0188, 0.9643
 
 _COMPONENTS = ("right", "up", "away")
+_HISTORY_NOTES = {
+    "displacement": "In free fall the component up is a parabola.",
+    "velocity": "In free fall the component up is a straight line of slope \u2212g; central "
+    "differences, undefined at both ends.",
+}
 _COLOURS = (PALETTE[0], PALETTE[1], PALETTE[2], INK)
 _HALF, _TALL = 560.0, 300.0
 #: A band narrower than this part of the largest value cannot be seen.
@@ -226,6 +231,7 @@ def _history(
             height=_TALL,
             markers=markers,
         ),
+        _HISTORY_NOTES[name] + (" Bands: \u00b1 sigma." if visible else ""),
     )
 
 
@@ -265,6 +271,8 @@ def _errors(
             height=_TALL - 40,
             markers=markers,
         ),
+        "Measured less true. Where the prediction is right, about two of three values of each "
+        "line lie within the band.",
     )
 
 

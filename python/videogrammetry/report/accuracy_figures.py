@@ -90,6 +90,10 @@ def scale_bar_figure(
                 x_range=(0.4, count + 0.6),
                 levels=levels,
             ),
+            "A mean other than zero points to the scale, a slope over the speed to the "
+            "cameras' synchronism."
+            if speed_mm_s is not None
+            else "",
         )
     ]
     if speed_mm_s is not None:

@@ -22,7 +22,13 @@ from videogrammetry.types import FloatArray, Measurement, matrix_from_cov6
 #: The paper's line of the free fall: -g t^2 / 2 over the measured displacement.
 PAPER_FALL_SLOPE, PAPER_FALL_OFFSET_MM = 1.0188, 0.9643
 
+_FALL_LABEL = "measured vertical displacement x, mm"
 _COMPONENTS = ("right", "up", "away")
+_HISTORY_NOTES = {
+    "displacement": "In free fall the component up is a parabola.",
+    "velocity": "In free fall the component up is a straight line of slope \u2212g; central "
+    "differences, undefined at both ends.",
+}
 _COLOURS = (PALETTE[0], PALETTE[1], PALETTE[2], INK)
 _HALF, _TALL = 560.0, 300.0
 #: A band narrower than this part of the largest value cannot be seen.
@@ -226,6 +232,7 @@ def _history(
             height=_TALL,
             markers=markers,
         ),
+        _HISTORY_NOTES[name] + (" Bands: \u00b1 sigma." if visible else ""),
     )
 
 
@@ -265,6 +272,8 @@ def _errors(
             height=_TALL - 40,
             markers=markers,
         ),
+        "Measured less true. Where the prediction is right, about two of three values of each "
+        "line lie within the band.",
     )
 
 
@@ -277,7 +286,6 @@ def free_fall_figure(
     sigma_mm: npt.ArrayLike | None = None,
     slope_sigma: float | None = None,
     offset_sigma_mm: float | None = None,
-    residual_mm: npt.ArrayLike | None = None,
     paper: bool = True,
 ) -> list[Figure]:
     """Theory over measurement of a free fall with its line: the paper's Fig. 17.
@@ -289,7 +297,6 @@ def free_fall_figure(
     slope, offset_mm : of the line theoretical = slope * measured + offset.
     sigma_mm : (N,) standard deviations of the measured, for the residuals' bars.
     slope_sigma, offset_sigma_mm : of the line.
-    residual_mm : (N,) theoretical less line; formed here where None.
     paper : draws the paper's line, 1.0188 x + 0.9643, for comparison.
     """
     x, y = np.asarray(measured_mm, dtype=float), np.asarray(theoretical_mm, dtype=float)
@@ -304,13 +311,31 @@ def free_fall_figure(
         line = PAPER_FALL_SLOPE * ends + PAPER_FALL_OFFSET_MM
         named = f"paper: y = {PAPER_FALL_SLOPE} x + {PAPER_FALL_OFFSET_MM}"
         series.append(Series(name=named, x=ends, y=line, colour=GREY, dashed=True))
-    rest = y - (slope * x + offset_mm) if residual_mm is None else np.asarray(residual_mm)
-    left = float(np.sqrt(np.mean(rest[seen] ** 2))) if seen.any() else float("nan")
     deviation = 100 * (1 - 1 / slope)  # slope 1.0188: falls measured 1.85 % short
     size = "short" if deviation > 0 else "long"
-    fall = f"the measured falls are {abs(deviation):.2g} % too {size}"
-    residuals = Series(
-        name=f"RMS {left:.3f} mm",
+    doubt = "" if slope_sigma is None else f" \u00b1 {100 * slope_sigma:.1g}"
+    return [
+        Figure(
+            "Free fall: theory over measurement",
+            chart(
+                series,
+                x_label=_FALL_LABEL,
+                y_label="y = \u2212g t\u00b2/2, mm",
+                width=_HALF,
+                height=360,
+            ),
+            f"A slope of one is the truth; the measured falls are {abs(deviation):.2g}{doubt} % "
+            f"too {size} (paper: 1.85 % too short).",
+        ),
+        _fall_residuals(x, y - (slope * x + offset_mm), sigma_mm),
+    ]
+
+
+def _fall_residuals(x: FloatArray, rest: FloatArray, sigma_mm: npt.ArrayLike | None) -> Figure:
+    known = rest[np.isfinite(rest)]
+    rms = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+    series = Series(
+        name=f"RMS {rms:.3f} mm",
         x=x,
         y=rest,
         line=False,
@@ -318,32 +343,19 @@ def free_fall_figure(
         radius_px=2.2,
         sigma=sigma_mm,
     )
-    return [
-        Figure(
-            "Free fall: theory over measurement",
-            chart(
-                series,
-                x_label="measured vertical displacement x, mm",
-                y_label="y = \u2212g t\u00b2/2, mm",
-                width=_HALF,
-                height=360,
-            ),
-            f"A slope of one is the truth; {fall} (paper: 1.85 % too short).",
+    return Figure(
+        "What the line leaves",
+        chart(
+            [series],
+            x_label=_FALL_LABEL,
+            y_label="y \u2212 line, mm",
+            label="Residuals of the free fall's line",
+            width=_HALF,
+            height=360,
         ),
-        Figure(
-            "What the line leaves",
-            chart(
-                [residuals],
-                x_label="measured vertical displacement x, mm",
-                y_label="y \u2212 line, mm",
-                label="Residuals of the free fall's line",
-                width=_HALF,
-                height=360,
-            ),
-            "Without a trend the fall is a parabola to this level."
-            + ("" if sigma_mm is None else " Bars: \u00b1 predicted sigma."),
-        ),
-    ]
+        "Without a trend the fall is a parabola to this level."
+        + ("" if sigma_mm is None else " Bars: \u00b1 predicted sigma."),
+    )
 
 
 def _plus_minus(value: float, sigma: float | None, places: int) -> str:

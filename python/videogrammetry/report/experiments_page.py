@@ -26,6 +26,9 @@ _STYLE = (
     + """
 .two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:8px 22px;align-items:start}
 .two>figure>.two{gap:0}
+.broad{overflow-x:auto}
+.broad>svg{min-width:760px}
+td.why{min-width:190px}
 @media (max-width:820px){.two{grid-template-columns:1fr}
 .two>figure>.two{grid-template-columns:1fr 1fr}}
 .card>figure:last-child{margin-bottom:0}
@@ -76,8 +79,8 @@ def _section(heading: str, body: str, text: str = "") -> str:
     return f'<h2>{escape(heading)}</h2><div class="card">{words}{body}</div>\n'
 
 
-def _figures(figures: Sequence[Figure]) -> str:
-    return "".join(figure(f.title, f.svg, f.note) for f in figures)
+def _figures(figures: Sequence[Figure], style: str = "") -> str:
+    return "".join(figure(f.title, f.svg, f.note, style) for f in figures)
 
 
 def _comparison(content: ExperimentsPage) -> str:
@@ -150,7 +153,7 @@ def _recognition(content: ExperimentsPage) -> str:
         "code that was read in the ring. Contrast stretched; a camera's crop is the same at all "
         "stages."
     )
-    return _section("Recognised targets", figure("Pictures of some stages", svg, note))
+    return _section("Recognised targets", figure("Pictures of some stages", svg, note, "broad"))
 
 
 def _notes(content: ExperimentsPage, stages: Sequence[int]) -> dict[int, str]:
@@ -182,6 +185,7 @@ def _space(content: ExperimentsPage) -> str:
             "A ray leads from where a point was at stage "
             f"{measured.motion.reference_stage} to where it is; its colour is the length. "
             "All panels have one scale." + (outlined if content.scene.outline_mm else ""),
+            "broad",
         )
     first = content.stages[-1] if content.stages else None
     view = interactive_view(measured, stage=first, scene=content.scene, rig=content.rig)
@@ -243,7 +247,7 @@ def _deformation(content: ExperimentsPage) -> str:
     figures = deformation_figure(
         part.radial_change_mm, part.point_id, time_ms=time, stage=stage, markers=markers
     )
-    return _section("Deformation", _figures(figures), part.text)
+    return _section("Deformation", _figures(figures, "broad"), part.text)
 
 
 def _remarks(content: ExperimentsPage) -> str:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from videogrammetry.report.html import escape
 from videogrammetry.report.svg import text_width
+from videogrammetry.types import FloatArray
 
 _Box = tuple[float, float, float, float]
+#: A label that would cover more than this part of itself is left out.
+_MOST_HIDDEN = 0.6
 
 
 class Labels:
@@ -26,32 +31,33 @@ class Labels:
         self._taken.append((x - radius, y - radius, x + radius, y + radius))
 
     def place(self, text: str, x: float, y: float, radius: float, style: str) -> str:
-        """The text beside a dot, where it covers least."""
+        """The text beside a dot, where it covers least; "" where there is no room."""
         width, height = text_width(text, self._font), 0.78 * self._font
-        best: tuple[float, _Box] | None = None
-        for rank, (left, top) in enumerate(_places(x, y, radius + 2.5, width, height)):
-            box = (left, top, left + width, top + height)
-            cost = sum(_overlap(box, other) for other in self._taken) + self._outside(box)
-            if best is None or cost + 0.01 * rank < best[0]:
-                best = (cost + 0.01 * rank, box)
-        assert best is not None  # there are places
-        self._taken.append(best[1])
-        left, _, _, bottom = best[1]
+        places = np.array(_places(x, y, radius + 2.5, width, height))
+        boxes = np.concatenate([places, places + np.array([width, height])], axis=1)
+        cost = self._hidden(boxes) + self._outside(boxes) + 0.01 * np.arange(len(boxes))
+        best = boxes[int(np.argmin(cost))]
+        if cost.min() > _MOST_HIDDEN * width * height:
+            return ""
+        self._taken.append(tuple(best))
+        left, bottom = best[0], best[3]
         return (
             f'<text x="{left:.1f}" y="{bottom:.1f}" font-size="{self._font:g}" '
             f'style="font-size:{self._font:g}px;{style}">{escape(text)}</text>'
         )
 
-    def _outside(self, box: _Box) -> float:
-        left, top, right, bottom = self._bounds
-        over = max(0, left - box[0]) + max(0, top - box[1])
-        return 100.0 * (over + max(0, box[2] - right) + max(0, box[3] - bottom))
+    def _hidden(self, boxes: FloatArray) -> FloatArray:
+        """(B,) area of each box that is taken already."""
+        taken = np.array(self._taken).reshape(-1, 4)
+        low = np.maximum(boxes[:, None, :2], taken[None, :, :2])
+        high = np.minimum(boxes[:, None, 2:], taken[None, :, 2:])
+        return np.asarray(np.maximum(high - low, 0.0).prod(axis=2).sum(axis=1))
 
-
-def _overlap(a: _Box, b: _Box) -> float:
-    width = min(a[2], b[2]) - max(a[0], b[0])
-    height = min(a[3], b[3]) - max(a[1], b[1])
-    return width * height if width > 0 and height > 0 else 0.0
+    def _outside(self, boxes: FloatArray) -> FloatArray:
+        """(B,) large where a box leaves the bounds."""
+        bounds = np.array(self._bounds)
+        over = np.maximum(bounds[:2] - boxes[:, :2], 0) + np.maximum(boxes[:, 2:] - bounds[2:], 0)
+        return np.asarray(100.0 * over.sum(axis=1))
 
 
 def _places(

@@ -185,15 +185,21 @@
       pen.fillStyle = "#e6ebf2";
       const written = []; // a number that would stand on another is left out
       for (const dot of drawn.slice().reverse()) {
-        if (dot.p === state.hover) {
-          const way = dot.way === null ? "" : `, ${(dot.way / 100).toFixed(2)} mm`;
-          const left = dot.x > state.width - 130;
-          text(`point ${data.ids[dot.p]}${way}`, dot.x + (left ? -9 : 9), dot.y - 7, left ? "right" : "left");
-        } else if (shows("ids") && !written.some(([x, y]) => Math.abs(x - dot.x) < 18 && Math.abs(y - dot.y) < 9)) {
+        if (dot.p !== state.hover && shows("ids") && !written.some(([x, y]) => Math.abs(x - dot.x) < 18 && Math.abs(y - dot.y) < 9)) {
           written.push([dot.x, dot.y]);
           text(String(data.ids[dot.p]), dot.x + 7, dot.y + 4, "left");
         }
       }
+      const dot = drawn.find((one) => one.p === state.hover);
+      if (dot === undefined) return;
+      const way = dot.way === null ? "" : `, ${(dot.way / 100).toFixed(2)} mm`;
+      const words = `point ${data.ids[dot.p]}${way}`, wide = pen.measureText(words).width + 12;
+      const x = dot.x + 10 + wide > state.width ? dot.x - 10 - wide : dot.x + 10, y = dot.y - 28;
+      pen.fillStyle = "#2a3340";
+      pen.fillRect(x, y, wide, 21);
+      pen.fillStyle = "#fff";
+      pen.textAlign = "left";
+      pen.fillText(words, x + 6, y + 15);
     };
 
     const drawLegend = (scale) => {

@@ -132,3 +132,5 @@ def test_labels_stay_apart() -> None:
     x, y = map(float, re.search(r'x="([\d.]+)" y="([\d.]+)"', corner).groups())
     assert x < 175
     assert y > 8
+    crowd = [labels.place("12", 100, 100, 3, "") for _ in range(60)]
+    assert crowd[-1] == ""  # no room: better no label than two on each other

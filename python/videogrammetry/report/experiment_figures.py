@@ -333,9 +333,9 @@ def free_fall_figure(
 
 def _fall_residuals(x: FloatArray, rest: FloatArray, sigma_mm: npt.ArrayLike | None) -> Figure:
     known = rest[np.isfinite(rest)]
-    rms = float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+    name = f"RMS {np.sqrt(np.mean(known**2)):.3f} mm" if len(known) else ""
     series = Series(
-        name=f"RMS {rms:.3f} mm",
+        name=name,
         x=x,
         y=rest,
         line=False,

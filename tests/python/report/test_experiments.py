@@ -310,6 +310,7 @@ def test_free_fall_says_line_and_deviation() -> None:
     assert "too long" in free_fall_figure(x, x, 0.99, -0.5)[0].note
     empty = free_fall_figure([], [], 1.0, 0.0)
     assert "nothing to show" in empty[0].svg
+    assert "nan" not in empty[0].svg + empty[1].svg
 
 
 def test_scale_bar_shows_each_error_and_the_papers() -> None:

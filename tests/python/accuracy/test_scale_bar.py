@@ -117,8 +117,9 @@ def test_speed_classes_are_at_most_four():
 
 def box_test(lines, per_line, length):
     """Bars along x through the volume of 2 m, beside each other."""
-    a = np.repeat(np.stack([np.full(lines, -1000.0), np.linspace(-1000, 1000, lines),
-                            np.linspace(1000, -1000, lines)], axis=1), per_line, axis=0)  # fmt: skip
+    across = np.linspace(-1000, 1000, lines)
+    starts = np.stack([np.full(lines, -1000.0), across, -across], axis=1)
+    a = np.repeat(starts, per_line, axis=0)
     nominal = np.tile(np.linspace(length / 2, length, per_line), lines)
     volume = np.array([[-1000.0, -1000, -1000], [1000, 1000, 1000]])
     checks = acceptance_checks(a, a + nominal[:, None] * [1, 0, 0], nominal, 0 * nominal, volume)

@@ -81,15 +81,16 @@ def moved(rig: RigData, change) -> RigData:
     return dataclasses.replace(rig, cameras=cameras)
 
 
-def measure(truth_rig, rig, position, used, rng, *, ids=None, sigma_px=0.02, rate_hz=500.0):
-    """Trajectories of points (S, P, 3) seen by ``used`` (P, C), with noisy pictures."""
+def measure(truth_rig, rig, position, used, rng, *, sigma_px=0.02, rate_hz=500.0):
+    """Trajectories of points (S, P, 3) seen by ``used`` (P, C); without ``rng`` no noise."""
     stages, points = position.shape[:2]
     flat = position.reshape(-1, 3)
     pixels = np.stack(
         [project(c, flat @ c.rotation.T + c.translation_mm) for c in truth_rig.cameras.values()],
         axis=1,
     )
-    pixels += rng.normal(0, sigma_px, pixels.shape)
+    if rng is not None:
+        pixels += rng.normal(0, sigma_px, pixels.shape)
     seen = np.tile(used, (stages, 1))
     point, camera = np.nonzero(seen)
     variance = np.full(len(point), sigma_px**2)
@@ -104,7 +105,7 @@ def measure(truth_rig, rig, position, used, rng, *, ids=None, sigma_px=0.02, rat
     return Trajectories(
         stage=np.arange(1, stages + 1, dtype=np.int32),
         time_s=np.arange(stages) / rate_hz,
-        point_id=np.arange(points, dtype=np.int32) + 1 if ids is None else ids,
+        point_id=np.arange(points, dtype=np.int32) + 1,
         position_mm=result["position_mm"].reshape(stages, points, 3),
         cov_mm2=image + of_rig,
         cov_image_mm2=image,

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from videogrammetry.cli import (
     calibrate,
+    demo,
     doctor,
     export,
     info,
@@ -27,7 +28,7 @@ from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
-VERBS = (simulate, recognize, calibrate, measure, motion, verify, export, info, doctor)
+VERBS = (demo, simulate, recognize, calibrate, measure, motion, verify, export, info, doctor)
 
 
 def build_parser() -> argparse.ArgumentParser:

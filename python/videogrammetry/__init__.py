@@ -35,6 +35,7 @@ from videogrammetry.pipeline import (
     calibrate_project,
     measure_frames,
     measure_project,
+    verify_project,
 )
 from videogrammetry.project import (
     read_measurement,
@@ -86,6 +87,7 @@ __all__ = [
     "read_project",
     "recognize",
     "triangulate",
+    "verify_project",
     "write_measurement",
     "write_rig",
 ]

@@ -25,14 +25,17 @@ from videogrammetry.accuracy.scale_bar import (
     check_scale_bars,
     length_statistics,
 )
-from videogrammetry.accuracy.true_points import TruePoints, measured_from_true
+from videogrammetry.accuracy.true_points import (
+    TruePoints,
+    lengths_from_calibration,
+    measured_from_true,
+)
 from videogrammetry.accuracy.truth import (
     CentroidErrors,
     ErrorStatistics,
     TruthComparison,
     WrongPoint,
     compare_with_truth,
-    lengths_from_calibration,
 )
 
 __all__ = [

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.accuracy.scale_bar import KnownLength
 from videogrammetry.geometry import nearest_rotation, project
 from videogrammetry.reconstruction import Triangulator
 from videogrammetry.types import FloatArray, IntArray, RigData, Trajectories
@@ -167,3 +169,39 @@ def identify(
         if distance[order[0]] < 0.5 * second:
             found[k] = order[0]
     return found
+
+
+def lengths_from_calibration(
+    rig: RigData,
+    truth_rig: RigData,
+    truth: TruePoints,
+    bars: Sequence[KnownLength],
+    cameras_used: BoolArray | None = None,
+) -> FloatArray:
+    """(S, B) mm: the bars' errors that the calibration alone makes, where the truth is known.
+
+    The true ends are projected with the true rig (exact pictures), triangulated
+    with the calibrated one, and the length is compared with the true one.
+
+    Parameters
+    ----------
+    truth : with the numbers of the bars' ends.
+    cameras_used : (S, P, C) as ``truth.point_id``; None: ``truth.cameras_seen``,
+        or all that have a picture.
+    """
+    used = truth.cameras_seen if cameras_used is None else cameras_used
+    pixels = exact_pictures(truth_rig, truth.position_mm.reshape(-1, 3))
+    mask = np.asarray(np.isfinite(pixels).all(axis=2))
+    if used is not None:
+        mask &= used.reshape(-1, pixels.shape[1])
+    found = triangulate_pictures(rig, pixels, mask).reshape(truth.position_mm.shape)
+    column = {int(n): i for i, n in enumerate(truth.point_id)}
+    errors = np.full((len(truth.stage), len(bars)), np.nan)
+    for k, bar in enumerate(bars):
+        if bar.point_a in column and bar.point_b in column:
+            a, b = column[bar.point_a], column[bar.point_b]
+            lengths = [
+                np.linalg.norm(x[:, b] - x[:, a], axis=1) for x in (found, truth.position_mm)
+            ]
+            errors[:, k] = lengths[0] - lengths[1]
+    return errors

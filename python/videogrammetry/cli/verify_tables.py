@@ -21,6 +21,7 @@ from videogrammetry.types import FloatArray
 
 _MAX_ROWS = 40
 _MAX_LISTED = 20
+_MAX_SIGMA0 = 3.0
 
 
 def verification_text(verification: Verification) -> str:
@@ -150,6 +151,12 @@ def free_fall_text(test: FreeFallTest) -> str:
             ["  per cent of g a mm beside the centre of mass", _n(fit.spin_percent_per_mm, 5)]
         )
     rows.append(["drag, 1/m", _drag_text(test)])
+    doubt = (
+        f"sigma0 is {fit.sigma0:.1f}: these points do not fall alike within their noise; choose "
+        "the falling ones, or look for wrong ones\n"
+        if fit.sigma0 > _MAX_SIGMA0
+        else ""
+    )
     dropped = f", {len(fit.dropped)} seen too rarely" if len(fit.dropped) else ""
     return (
         f"free fall, stages {test.first} to {test.last}\n"
@@ -160,7 +167,7 @@ def free_fall_text(test: FreeFallTest) -> str:
         f"{len(line.point_id)} points, {len(line.stage)} stages;\n  y = -g t^2/2, t from that "
         "stage; both negative downwards; supposes a start from rest there\n"
         f"fit: own start and velocity for each of {len(fit.point_id)} points{dropped}, one common "
-        "acceleration\n" + text_table(["", "fit"], rows)
+        "acceleration\n" + text_table(["", "fit"], rows) + doubt
     )
 
 

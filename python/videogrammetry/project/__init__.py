@@ -32,7 +32,6 @@ from videogrammetry.project.schema import (
     SequenceSection,
     StabilitySection,
     TargetsSection,
-    VerifySection,
     read_project,
 )
 from videogrammetry.project.tables import (
@@ -48,6 +47,7 @@ from videogrammetry.project.tables import (
     write_points,
     write_scale_bars,
 )
+from videogrammetry.project.verify_section import VerifySection
 
 __all__ = [
     "CENTROID",

@@ -4,6 +4,8 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <cmath>
+#include <limits>
 #include <random>
 #include <stdexcept>
 
@@ -164,6 +166,50 @@ TEST(Triangulate, ThreadsChangeNothingAndOneFailureHarmsNoOther) {
   EXPECT_TRUE(std::isnan(one.position_mm[600]));
   for (std::size_t i = 0; i < 600; ++i) ASSERT_EQ(one.position_mm[i], many.position_mm[i]);
   for (std::size_t i = 0; i < 200; ++i) ASSERT_EQ(one.status[i], 0);
+}
+
+// G C G^T of the derivatives is the covariance that Triangulate states, in either frame.
+TEST(PointDerivatives, GiveTheCovarianceOfTriangulate) {
+  const Rig rig = Pair();
+  Arrays arrays;
+  const std::vector<double> points = {0,     0,   12000, 900,  -700, 11500,
+                                      -1200, 300, 12600, -500, 1100, 12200};
+  for (std::size_t i = 0; i < points.size(); i += 3) {
+    arrays.Add(rig, {points[i], points[i + 1], points[i + 2]});
+  }
+  const Eigen::MatrixXd factor = CovarianceFactor();
+  const Eigen::MatrixXd covariance = factor * factor.transpose();
+  const MatchArrays bare = {arrays.offsets, arrays.camera, nullptr, arrays.cov.data()};
+  for (const bool in_volume : {false, true}) {
+    const Eigen::MatrixXd frame =
+        in_volume ? SharedFrameMotion(rig, arrays.View()) : Eigen::MatrixXd();
+    const TriangulatedPoints found = Triangulate(rig, arrays.View(), {covariance, frame});
+    const std::vector<double> derivatives = PointDerivatives(rig, bare, points, frame);
+    ASSERT_EQ(derivatives.size(), 4U * 3 * 32);
+    for (std::size_t i = 0; i < 4; ++i) {
+      using RowMatrix = Eigen::Matrix<double, 3, 32, Eigen::RowMajor>;
+      const Eigen::Map<const RowMatrix> g(&derivatives[96 * i]);
+      const Eigen::Matrix3d part = g * covariance * g.transpose();
+      const Eigen::Map<const Eigen::Matrix3d> expected(&found.cov_rig[9 * i]);
+      // Points found from their exact pictures to 1e-6 mm of 12 m.
+      EXPECT_LT((part - expected).norm(), 1e-7 * expected.norm()) << "point " << i;
+    }
+  }
+}
+
+TEST(PointDerivatives, OfWhatIsNotDeterminedAreNan) {
+  const Rig rig = Pair();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Arrays arrays;
+  arrays.Add(rig, {0, 0, 12000});
+  arrays.Add(rig, {0, 0, 12000});
+  const std::vector<double> points = {nan, 0, 12000, 0, 0, -12000};
+  for (const double value : PointDerivatives(rig, arrays.View(), points, {})) {
+    ASSERT_TRUE(std::isnan(value));
+  }
+  EXPECT_THROW(PointDerivatives(rig, arrays.View(), {points.data(), 3}, {}), std::invalid_argument);
+  EXPECT_THROW(PointDerivatives(rig, arrays.View(), points, Eigen::MatrixXd::Zero(6, 5)),
+               std::invalid_argument);
 }
 
 TEST(Triangulate, RefusesInconsistentArrays) {

@@ -25,7 +25,7 @@ from videogrammetry.project import read_rig, read_targets, write_measurement, wr
 from videogrammetry.version import __version__
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
-VERBS = ("recognize", "calibrate", "measure", "export", "info", "doctor")
+VERBS = ("recognize", "calibrate", "measure", "motion", "verify", "export", "info", "doctor")
 
 
 @pytest.fixture

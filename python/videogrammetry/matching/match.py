@@ -22,6 +22,7 @@ TARGET_STATUS = (
     "ambiguous",  # 2: two or more partners that nothing decides between
     "inconsistent ID",  # 3: the same ID elsewhere, but the rays do not meet
     "outvoted",  # 4: its candidates belong, more surely, to other targets
+    "another size",  # 5: no circle of the diameter that was stated (the pipeline's verdict)
 )
 
 

@@ -50,6 +50,7 @@ def measure_frames(
     recognition: RecognitionOptions | None = None,
     matching: MatchingOptions | None = None,
     motion: MotionOptions | None = None,
+    diameter_mm: float | None = None,
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> Measurement:
@@ -66,6 +67,8 @@ def measure_frames(
     frame_rate_hz : None: times and velocities stay empty.
     stages : first and last stage, inclusive, from 1; None: all.
     recognition, matching, motion : options; None: the defaults.
+    diameter_mm : of all targets' circles: what has another size is left out. None:
+        not looked at.
     progress : told about each stage.
     num_threads : stages at a time; 0 = one a core.
 
@@ -81,7 +84,8 @@ def measure_frames(
     rig = _rig_in_order(rig, sources)
     first, last = stages or (1, check_same_length(sources))
     stage = np.arange(first, last + 1, dtype=np.int32)
-    results = _measure_stages(rig, sources, stage, recognition, matching, progress, num_threads)
+    stage_options = (recognition, matching, diameter_mm)
+    results = _measure_stages(rig, sources, stage, stage_options, progress, num_threads)
     numbers = link_stages([r.points for r in results], first_free_id(recognition))
     if not any(len(n) for n in numbers):
         raise MeasurementError(nothing_measured(results))
@@ -90,7 +94,12 @@ def measure_frames(
         [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
     )
     names = (tuple(s.name(i - 1) for i in stage.tolist()) for s in sources.values())
-    options = {"recognition": recognition, "matching": matching, "motion": motion}
+    options = {
+        "recognition": recognition,
+        "matching": matching,
+        "motion": motion,
+        "diameter_mm": diameter_mm,
+    }
     return Measurement(
         trajectories=trajectories,
         motion=compute_motion(trajectories, motion),
@@ -98,7 +107,7 @@ def measure_frames(
         image_name=tuple(names),
         frame_rate_hz=frame_rate_hz,
         provenance=provenance({"stages": [first, last], **options, "rig": rig.how}),
-        warnings=tuple(stage_warnings(results, stage)),
+        warnings=tuple(stage_warnings(results, stage, list(rig.cameras))),
         flag_meanings={"match_status": TARGET_STATUS, "ring_status": RING_STATUS},
     )
 
@@ -107,18 +116,18 @@ def _measure_stages(
     rig: RigData,
     sources: Mapping[str, FrameSource],
     stage: IntArray,
-    recognition: RecognitionOptions,
-    matching: MatchingOptions,
+    options: tuple[RecognitionOptions, MatchingOptions, float | None],
     progress: Progress,
     num_threads: int,
 ) -> list[StageResult]:
     """Every stage by itself, several at a time."""
+    recognition, matching, diameter_mm = options
     triangulator = Triangulator(rig)
     field = CalibrationField(triangulator)
 
     def work(index: int) -> StageResult:
         targets = [read_and_recognize(source, index, recognition) for source in sources.values()]
-        return measure_stage(triangulator, targets, matching, field)
+        return measure_stage(triangulator, targets, matching, field, diameter_mm)
 
     results: list[StageResult] = []
     for result in map_bounded(work, (stage - 1).tolist(), num_threads):

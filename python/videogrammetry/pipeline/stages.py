@@ -29,8 +29,14 @@ def measure_stage(
     targets: Sequence[Targets],
     options: MatchingOptions | None = None,
     field: CalibrationField | None = None,
+    diameter_mm: float | None = None,
 ) -> StageResult:
-    """Match and reconstruct the targets of one stage, one ``Targets`` a camera."""
+    """Match and reconstruct the targets of one stage, one ``Targets`` a camera.
+
+    With ``diameter_mm``, sightings of another size than circles of that
+    diameter have at their place are left out: sectors of a ring whose dot is
+    hidden, dots hidden in part.
+    """
     rig = triangulator.rig
     field = field or CalibrationField(triangulator)
     uncertain = [field.covariance(i, t.centre_px) for i, t in enumerate(targets)]
@@ -39,8 +45,64 @@ def measure_stage(
         image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
         for name, t in zip(rig.cameras, targets, strict=True)
     ]
-    points = reconstruct_stage(triangulator, matches, [t.centre_px for t in targets], cov)
+    centres = [t.centre_px for t in targets]
+    points = reconstruct_stage(triangulator, matches, centres, cov)
+    if diameter_mm is not None:
+        fitting = _of_size(triangulator, targets, matches, points, diameter_mm)
+        if fitting is not matches:
+            matches = fitting
+            points = reconstruct_stage(triangulator, matches, centres, cov)
     return StageResult(tuple(targets), matches, points)
+
+
+#: By how much a circle's measured diameter may differ from the stated one, and how many sigmas.
+_SIZE_TOLERANCE, _SIZE_SIGMAS = 0.15, 4.0
+_ANOTHER_SIZE = TARGET_STATUS.index("another size")
+
+
+def _of_size(
+    triangulator: Triangulator,
+    targets: Sequence[Targets],
+    matches: Matches,
+    points: StagePoints,
+    diameter_mm: float,
+) -> Matches:
+    """The matches without sightings of another size; ``matches`` itself where all fit.
+
+    A circle's longest diameter in the picture is f d / z, whatever its tilt (to
+    second order in the ratio of diameter and distance).
+    """
+    target = matches.target.copy()
+    status = [s.copy() for s in matches.status]
+    row_of = {tuple(row): i for i, row in enumerate(matches.target.tolist())}
+    rows = np.array([row_of[tuple(row)] for row in points.target.tolist()], dtype=int)
+    wrong = False
+    for c, camera in enumerate(triangulator.rig.cameras.values()):
+        seen = np.flatnonzero(points.target[:, c] >= 0)
+        index = points.target[seen, c]
+        depth = points.position_mm[seen] @ camera.rotation[2] + camera.translation_mm[2]
+        expected = 0.5 * camera.interior[0] * diameter_mm / depth
+        sigma = np.sqrt(targets[c].cov[index, 2, 2])
+        off = np.abs(targets[c].semi_axes_px[index, 0] - expected)
+        bad = off > _SIZE_TOLERANCE * expected + _SIZE_SIGMAS * sigma
+        target[rows[seen[bad]], c] = -1
+        status[c][index[bad]] = _ANOTHER_SIZE
+        wrong = wrong or bool(bad.any())
+    if not wrong:
+        return matches
+    # A target that has lost its partner has none.
+    for row in np.flatnonzero((target >= 0).sum(axis=1) == 1):
+        c = int(np.argmax(target[row] >= 0))
+        status[c][target[row, c]] = TARGET_STATUS.index("no partner")
+        target[row, c] = -1
+    keep = (target >= 0).any(axis=1)
+    return Matches(
+        target=target[keep],
+        id=matches.id[keep],
+        chi2=matches.chi2[keep],
+        log_odds=matches.log_odds[keep],
+        status=tuple(status),
+    )
 
 
 def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
@@ -77,15 +139,34 @@ def refuse_senseless(results: Sequence[StageResult]) -> None:
         )
 
 
-def stage_warnings(results: Sequence[StageResult], stage: IntArray) -> list[str]:
-    """Stages whose coded targets do not meet, though those of the others do."""
-    warnings = []
+def stage_warnings(
+    results: Sequence[StageResult], stage: IntArray, cameras: Sequence[str]
+) -> list[str]:
+    """Stages whose coded targets do not meet, though those of the others do; empty pictures."""
+    warnings = _empty_pictures(results, stage, cameras)
     for number, result in zip(stage.tolist(), results, strict=True):
         met, missed = _coded_ends(result)
         if missed >= _MIN_CODED and missed > met:
             warnings.append(
                 f"stage {number}: the rays of {missed} coded targets do not meet those of the same "
                 f"ID, {met} do: is a frame of a camera missing or late here?"
+            )
+    return warnings
+
+
+def _empty_pictures(
+    results: Sequence[StageResult], stage: IntArray, cameras: Sequence[str]
+) -> list[str]:
+    """Cameras that see nothing at single stages and at others do."""
+    count = np.array([[len(t) for t in r.targets] for r in results])
+    warnings = []
+    for c, name in enumerate(cameras):
+        empty = stage[count[:, c] == 0].tolist()
+        if empty and len(empty) < len(stage):
+            some = ", ".join(map(str, empty[:10])) + (", ..." if len(empty) > 10 else "")
+            warnings.append(
+                f"camera {name!r}: no target at all at {len(empty)} of {len(stage)} stages "
+                f"({some}): are its pictures empty there?"
             )
     return warnings
 

@@ -77,7 +77,8 @@ class TargetsSection:
 
     ``codes`` is a family's name, ``none``, or the absolute path of a table file.
     ``diameter_px`` is the smallest minor and the largest major axis;
-    ``diameter_mm`` the circle's diameter, for the correction of eccentricity;
+    ``diameter_mm`` the circle's diameter: ``measure`` leaves out what has another
+    size (eccentricity is not corrected yet);
     ``thickness_mm`` a sticker's height over the surface.
     """
 

@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from videogrammetry.project import ScaleBar, read_project, write_scale_bars, write_text
 from videogrammetry.recognition import CodeFamily
 from videogrammetry.rendering.scenes import PhotoScene, Scene
 from videogrammetry.rendering.scenes.photos import BAR_SIGMA_MM
 
-# The smallest minor and the largest major axis that the scenes' dots can have.
-_SMALLEST, _LARGEST = 0.45, 1.9
+# Room about the smallest minor and the largest major axis of the scenes' dots.
+_SMALLEST, _LARGEST = 0.75, 1.5
 
 
 def write_project(
@@ -127,17 +129,20 @@ def _targets_table(scene: Scene, family: CodeFamily) -> list[str]:
 
 
 def _diameters_px(scene: Scene, rows: Any) -> tuple[float, float]:
-    """A generous range of the dots' axes in all pictures."""
+    """A generous range of the dots' axes in the pictures of those that see their front."""
     smallest, largest = float("inf"), 0.0
     for stage in {1, (scene.num_stages + 1) // 2, scene.num_stages}:
-        centre = scene.place(scene.time_s(stage)).centre_mm[rows]
+        place = scene.place(scene.time_s(stage))
+        centre, normal = place.centre_mm[rows], place.normal[rows]
         for camera in scene.rig.cameras.values():
+            sight = camera.centre_mm - centre
+            facing = (sight * normal).sum(axis=1) / np.linalg.norm(sight, axis=1)
             depth = (centre @ camera.rotation.T + camera.translation_mm)[:, 2]
-            diameter = 2 * scene.marks.radius_mm[rows] * camera.interior[0] / depth
-            diameter = diameter[depth > 0]
-            if len(diameter):
-                smallest = min(smallest, float(diameter.min()))
-                largest = max(largest, float(diameter.max()))
+            seen = (facing > 0.3) & (depth > 0)
+            major = 2 * scene.marks.radius_mm[rows][seen] * camera.interior[0] / depth[seen]
+            if len(major):
+                smallest = min(smallest, float((major * facing[seen]).min()))
+                largest = max(largest, float(major.max()))
     return _SMALLEST * smallest, _LARGEST * largest
 
 

@@ -200,19 +200,23 @@ class Scene:
         return (stage - 1) / self.frame_rate_hz
 
     def targets(self, time_s: float) -> SceneTargets:
-        """What the cameras photograph at a time: one exposure."""
+        """What the cameras photograph at a time: one exposure.
+
+        The way during the exposure is straight and even, through the place at
+        its middle: the acceleration within it, a T^2 / 24, is left out.
+        """
         marks = self.marks
-        moving = self.exposure_s > 0 and not self.still
-        begin = self.place(time_s - 0.5 * self.exposure_s if moving else time_s)
-        pose: dict[str, Any] = {
-            "centre_mm": begin.centre_mm,
-            "normal": begin.normal,
-            "x_axis": begin.x_axis,
-        }
-        if moving:
+        middle = self.place(time_s)
+        pose: dict[str, Any] = {f.name: getattr(middle, f.name) for f in fields(Placement)}
+        if self.exposure_s > 0 and not self.still:
+            begin = self.place(time_s - 0.5 * self.exposure_s)
             end = self.place(time_s + 0.5 * self.exposure_s)
-            pose |= {
-                "end_centre_mm": end.centre_mm,
+            way = 0.5 * (end.centre_mm - begin.centre_mm)
+            pose = {
+                "centre_mm": middle.centre_mm - way,
+                "normal": begin.normal,
+                "x_axis": begin.x_axis,
+                "end_centre_mm": middle.centre_mm + way,
                 "end_normal": end.normal,
                 "end_x_axis": end.x_axis,
             }

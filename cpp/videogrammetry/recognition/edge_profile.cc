@@ -21,6 +21,9 @@ constexpr double kPriorFlare = 0.002;
 /// level they are, in units of the contrast.
 constexpr int kPlateauColumns = 3;
 constexpr float kPlateauFlatness = 0.03f;
+/// From which share of the contrast on a first harmonic is glare, and the part of
+/// it that is curved over the dot and so not described.
+constexpr double kGlare = 3.0 * kPriorGradient, kGlareCurve = 0.5;
 /// How far before a ring of code its edge is felt, in widths of the dot's own edge.
 constexpr double kRingReach = 2.5;
 /// Width of the weight of the mean gradient as a part of the edge's own.
@@ -31,7 +34,9 @@ constexpr double kSharedPx = 1.5;
 /// Values along the contour, smoothed.
 struct Harmonic {
   Eigen::ArrayXf values;
-  double variance = 0.0;       ///< of either coefficient of the first harmonic
+  double amplitude = 0.0;      ///< of the first harmonic, as measured
+  double noise = 0.0;          ///< variance of either of its coefficients as measured,
+  double variance = 0.0;       ///< and as smoothed
   double mean_variance = 0.0;  ///< of the mean
 };
 
@@ -65,8 +70,10 @@ Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double
   const double noise = 2.0 * squares / profiles.count() / std::max(1.0, independent - 3.0);
   const double prior = prior_sigma * prior_sigma;
   const double trust = prior / (prior + noise);
-  solution.tail<2>() *= static_cast<float>(trust);
   Harmonic smooth;
+  smooth.amplitude = solution.tail<2>().norm();
+  smooth.noise = noise;
+  solution.tail<2>() *= static_cast<float>(trust);
   smooth.variance = trust * noise;
   smooth.mean_variance = 0.5 * noise;
   smooth.values.resize(profiles.count());
@@ -177,7 +184,13 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
     return contrast * (kPriorFlare + kPriorGradient * std::abs(level) / bright);
   };
   Harmonic inside = SmoothColumns(p, first, inner, prior(mean[inner]));
-  Harmonic outside = SmoothColumns(p, outer, last, prior(mean[outer]));
+  // More than a gradient of the light can be is added light, inside and outside alike.
+  const double by_chance = kGlare * contrast + 3.0 * std::sqrt(inside.noise);
+  const double glare = std::max(0.0, inside.amplitude - by_chance);
+  if (glare > 0) inside = SmoothColumns(p, first, inner, inside.amplitude);
+  Harmonic outside = SmoothColumns(p, outer, last, prior(mean[outer]) + glare);
+  inside.variance += kGlareCurve * kGlareCurve * glare * glare;
+  outside.variance += kGlareCurve * kGlareCurve * glare * glare;
   levels.inside = std::move(inside.values);
   levels.outside = std::move(outside.values);
   levels.gradient_variance = 0.25 * (inside.variance + outside.variance);

@@ -10,6 +10,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from videogrammetry.errors import VideogrammetryError
+
 
 def refuse_overwrite(path: str | os.PathLike[str], force: bool) -> None:
     """Raises if ``path`` cannot be written, or would be overwritten without ``force``.
@@ -111,12 +113,15 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A folder beside ``path`` to fill; takes its name when the block ends well.
 
     If the block raises (a full disk, an interruption), the folder is removed
-    and ``path`` does not exist.
+    and ``path`` does not exist, nor folders above it that had to be made. An
+    error that names the hidden folder is raised with ``path`` in its place.
 
     Raises
     ------
     FileExistsError
         Something stands at ``path`` already.
+    NotADirectoryError, PermissionError
+        The nearest folder above ``path`` is none, or may not be written to.
 
     Examples
     --------
@@ -134,27 +139,53 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             "remove it"
         )
     nearest_folder(target)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    made = [p for p in target.parents if not p.exists()]
     beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
-    beside.mkdir()
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        beside.mkdir()
         yield beside
-        os.rename(beside, target)
-    except OSError as error:
+        _give_name(beside, target)
+    except Exception as error:
         raise _without_part(error, beside, target) from error
     finally:
         shutil.rmtree(beside, ignore_errors=True)
+        if not os.path.lexists(target):
+            for folder in made:
+                with contextlib.suppress(OSError):  # somebody else uses it by now
+                    folder.rmdir()
     _flush_folder(target.parent)
 
 
-def _without_part(error: OSError, beside: Path, target: Path) -> OSError:
+def _give_name(beside: Path, target: Path) -> None:
+    if os.path.lexists(target):  # rename would replace an empty folder, and a link
+        raise FileExistsError(
+            f"{target} has been made by somebody else meanwhile; nothing was kept: name another "
+            "folder"
+        )
+    os.rename(beside, target)
+
+
+def _without_part(error: Exception, beside: Path, target: Path) -> Exception:
     """The error with the name that the user has chosen instead of the hidden one."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         reason = error.strerror or ""
         if reason == os.strerror(error.errno):
-            free = shutil.disk_usage(target.parent).free
+            free = shutil.disk_usage(nearest_folder(target)).free
             reason = f"no room on the disk ({free / 1e6:.0f} MB free)"
         return OSError(error.errno, f"{reason}; nothing was kept", str(target))
+    hidden, named = str(beside), str(target)
+    if isinstance(error, OSError) and error.errno is not None:
+        names = [
+            None if name is None else os.fsdecode(name).replace(hidden, named)
+            for name in (error.filename, error.filename2)
+        ]
+        return type(error)(error.errno, error.strerror, names[0], None, names[1])
+    text = str(error)
+    for path, name in ((beside.resolve(), target.resolve()), (beside, target)):
+        text = text.replace(str(path), str(name))
+    if text != str(error) and isinstance(error, (VideogrammetryError, ValueError, OSError)):
+        return type(error)(text)
     return error
 
 

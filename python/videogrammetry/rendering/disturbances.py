@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from videogrammetry.geometry import project
 from videogrammetry.rendering.options import Background, Illumination, Sensor, SpecularSpot
 from videogrammetry.rendering.scenes.base import (
     Marks,
@@ -16,12 +17,14 @@ from videogrammetry.rendering.scenes.base import (
     join,
     join_placements,
 )
-from videogrammetry.types import RigCamera
+from videogrammetry.types import FloatArray, RigCamera
 
 # Reflectances of the targets (scenes.base) and the light's level: what contrast means.
 _WHITE, _BLACK, _LEVEL = 0.8, 0.06, 0.9
 #: Read noise as a share of the noise at white; the rest is shot noise.
 _READ_SHARE = 0.15
+#: How far before its target a patch stands, over the radius of what is printed.
+_ABOVE = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +57,8 @@ class Conditions:
     def __post_init__(self) -> None:
         if self.bit_depth not in (8, 12, 16):
             raise ValueError(f"bits: expected 8, 12 or 16, got {self.bit_depth}")
+        if isinstance(self.seed, bool) or self.seed < 0:
+            raise ValueError(f"seed: expected a whole number from 0 on, got {self.seed}")
         if not self.contrast_noise > 0:
             raise ValueError(
                 "contrast over noise: expected more than 0 (noise cannot be negative), got "
@@ -65,10 +70,10 @@ class Conditions:
             value = getattr(self, name)
             if not 0 <= value <= 1:
                 raise ValueError(f"{name}: expected a share from 0 to 1, got {value:g}")
-        if abs(self.gradient[0]) + abs(self.gradient[1]) >= 1.5:
+        if not abs(self.gradient[0]) + abs(self.gradient[1]) < 1.5:
             raise ValueError(f"gradient: expected |x| + |y| below 1.5, got {self.gradient}")
-        if self.spots < 0:
-            raise ValueError(f"spots: expected 0 or more, got {self.spots}")
+        if not 0 <= self.spots <= 1000:
+            raise ValueError(f"spots: expected 0 ... 1000, got {self.spots}")
 
     def sensor(self) -> Sensor:
         """The sensor whose noise at white gives the contrast over noise.
@@ -116,9 +121,17 @@ def occluded(scene: Scene, share: float, seed: int) -> Scene:
 
     A patch stands somewhat before its target and a little aside, and is three
     quarters as large as what is printed: some targets vanish, others are
-    hidden in part.
+    hidden in part. A few that are seen very obliquely look past their patch,
+    and a few patches reach over a neighbour, too.
+
+    Raises
+    ------
+    ValueError
+        ``share`` lies outside 0 ... 1.
     """
-    if share <= 0:
+    if not 0 <= share <= 1:
+        raise ValueError(f"occluded: expected a share from 0 to 1, got {share:g}")
+    if share == 0:
         return scene
     marks, n = scene.marks, int(scene.marks.is_target.sum())
     rows = np.flatnonzero(marks.is_target)
@@ -137,7 +150,7 @@ def occluded(scene: Scene, share: float, seed: int) -> Scene:
             centre_mm=own.centre_mm[rows], normal=own.normal[rows], x_axis=own.x_axis[rows]
         )
         y_axis = np.cross(at.x_axis, at.normal)
-        above = np.where(hidden, 1.5 * printed, -1.0)[:, None]
+        above = np.where(hidden, _ABOVE * printed, -1.0)[:, None]
         centre = at.centre_mm + aside[:, :1] * at.x_axis + aside[:, 1:] * y_axis
         return join_placements(own, replace(at, centre_mm=centre + above * at.normal))
 
@@ -145,15 +158,23 @@ def occluded(scene: Scene, share: float, seed: int) -> Scene:
 
 
 def missing_camera(scene: Scene, share: float, seed: int) -> dict[int, int]:
-    """Stage -> index of the camera whose picture is empty there.
+    """Stage -> index of the camera whose picture is empty there; ``share`` of the stages.
+
+    Raises
+    ------
+    ValueError
+        ``share`` lies outside 0 ... 1.
 
     Examples
     --------
     >>> from videogrammetry.recognition import code_family
     >>> from videogrammetry.rendering.scenes import tyre_scene
-    >>> missing_camera(tyre_scene(code_family("schneider-14"), num_stages=40), 0.05, 0)
-    {8: 2, 26: 2}
+    >>> scene = tyre_scene(code_family("schneider-14"), num_stages=40)
+    >>> len(missing_camera(scene, share=0.05, seed=0))
+    2
     """
+    if not 0 <= share <= 1:
+        raise ValueError(f"missing: expected a share from 0 to 1, got {share:g}")
     rng = np.random.default_rng([seed, 9])
     count = round(share * scene.num_stages)
     stages = np.sort(rng.choice(scene.num_stages, size=count, replace=False)) + 1
@@ -162,18 +183,39 @@ def missing_camera(scene: Scene, share: float, seed: int) -> dict[int, int]:
 
 
 def exposure_for_blur(scene: Scene, blur_px: float) -> float:
-    """The exposure, s, at which the fastest target moves by ``blur_px`` in a picture."""
+    """The exposure, s, at which the fastest target moves by ``blur_px`` in a picture.
+
+    The fastest is that with the greatest speed across a picture, at any stage, of
+    those that face the camera and lie in its picture.
+
+    Raises
+    ------
+    ValueError
+        ``blur_px`` is below 0 px, or nothing moves in the scene.
+    """
+    if not 0 <= blur_px < math.inf:
+        raise ValueError(f"blur: expected 0 px or more, got {blur_px:g} px")
     rows = np.flatnonzero(scene.marks.is_target)
     step = min(1e-4, 0.1 / scene.frame_rate_hz)
     fastest = 0.0
     for stage in range(1, scene.num_stages + 1):
         time = scene.time_s(stage)
-        before = scene.place(time - step).centre_mm[rows]
-        after = scene.place(time + step).centre_mm[rows]
+        now, before, after = (scene.place(t) for t in (time, time - step, time + step))
         for camera in scene.rig.cameras.values():
-            depth = (before @ camera.rotation.T + camera.translation_mm)[:, 2]
-            speed = np.linalg.norm(after - before, axis=1) / (2 * step)
-            fastest = max(fastest, float((speed * camera.interior[0] / depth).max()))
+            middle = _in_picture(camera, now.centre_mm[rows])
+            facing = ((camera.centre_mm - now.centre_mm) * now.normal).sum(axis=1)[rows] > 0
+            limit = np.array(camera.image_size_px) - 0.5
+            seen = facing & ((middle > -0.5) & (middle < limit)).all(axis=1)
+            way = _in_picture(camera, after.centre_mm[rows][seen]) - _in_picture(
+                camera, before.centre_mm[rows][seen]
+            )
+            speed = np.linalg.norm(way, axis=1) / (2 * step)
+            fastest = max(fastest, float(np.nanmax(speed, initial=0.0)))
     if fastest == 0:
         raise ValueError("blur: nothing moves in this scene; leave the blur out")
     return blur_px / fastest
+
+
+def _in_picture(camera: RigCamera, points_mm: FloatArray) -> FloatArray:
+    """Pixels (N, 2); NaN behind the camera."""
+    return project(camera, points_mm @ camera.rotation.T + camera.translation_mm)

@@ -1,54 +1,53 @@
 """Scenes written as a laboratory would have them: recordings, project.toml, and the truth.
 
-    OUT/project.toml                     ready for calibrate, measure, verify
-    OUT/calibration/CAMERA.*             the calibration scene's pictures, or
-    OUT/sequence/CAMERA.*                those of a moving object, or
-    OUT/photos/*.tif                     those of a hand-held camera
-    OUT/cross.csv, scale-bars.csv        as measured elsewhere, with their errors
-    OUT/truth/rig.json                   the true cameras
-    OUT/truth/trajectories.csv           the true places, in the frame of the rig
-    OUT/truth/images.csv                 the true pictures of every target
-    OUT/truth/scene.json                 every option
+OUT/project.toml                     ready for calibrate, measure, verify
+OUT/calibration/CAMERA.*             the calibration scene's pictures, or
+OUT/sequence/CAMERA.*                those of a moving object, or
+OUT/photos/*.tif                     those of a hand-held camera
+OUT/cross.csv, scale-bars.csv        as measured elsewhere, with their errors
+OUT/truth/rig.json                   the true cameras
+OUT/truth/trajectories.csv           the true places, in the frame of the rig
+OUT/truth/images.csv                 the true pictures of every target
+OUT/truth/scene.json                 every option
 """
 
 from __future__ import annotations
 
 import errno
-import json
+import math
 import os
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from videogrammetry.project import (
-    TrajectoryTable,
-    atomic_folder,
-    format_csv,
-    format_trajectories,
-    plain,
-    write_points,
-    write_rig,
-    write_text,
-)
+from videogrammetry.project import atomic_folder
 from videogrammetry.recognition import CodeFamily
 from videogrammetry.rendering.disturbances import Conditions, missing_camera, occluded
 from videogrammetry.rendering.render import RenderedFrame, Renderer, render_frames
 from videogrammetry.rendering.scene import VISIBILITY, SceneTargets, TargetTruth
 from videogrammetry.rendering.scenes import CrossTarget, PhotoScene, Scene
-from videogrammetry.rendering.simulated_project import write_photo_project, write_project
-from videogrammetry.sequence import create_sequence
-from videogrammetry.types import FloatArray, PointSet
+from videogrammetry.rendering.simulated_project import (
+    borrowed_calibration,
+    write_photo_project,
+    write_project,
+)
+from videogrammetry.rendering.simulated_truth import write_cross, write_photo_points, write_truth
+from videogrammetry.sequence import (
+    SEQUENCE_FORMATS,
+    SequenceFormat,
+    SequenceWriter,
+    create_sequence,
+)
+from videogrammetry.types import RigCamera
 
 #: Told about the work: done, total, what.
 Progress = Callable[[int, int, str], None]
 
 _BATCH_STAGES = 8  # rendered at a time: bounds the memory
-_BEHIND = VISIBILITY.index("behind")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +62,21 @@ class SimulateOptions:
     num_threads : 0 = one a core; the files do not depend on it.
     """
 
-    conditions: Conditions = Conditions()
-    format: str = "mraw"
+    conditions: Conditions = field(default_factory=Conditions)
+    format: SequenceFormat = "mraw"
     target_sigma_mm: float = 0.1
     calibration: Path | None = None
     num_threads: int = 0
+
+    def __post_init__(self) -> None:
+        if self.format not in SEQUENCE_FORMATS:
+            raise ValueError(
+                f"format: expected one of {', '.join(SEQUENCE_FORMATS)}, got {self.format!r}"
+            )
+        if not 0 <= self.target_sigma_mm < math.inf:
+            raise ValueError(f"target sigma: expected 0 mm or more, got {self.target_sigma_mm:g}")
+        if self.num_threads < 0:
+            raise ValueError(f"num_threads: expected 0 or more, got {self.num_threads}")
 
 
 @dataclass(frozen=True)
@@ -91,44 +100,60 @@ def simulate(
 ) -> Simulated:
     """Renders a scene and writes it with project file and truth into a new folder.
 
+    Parameters
+    ----------
+    scene : what is recorded; ``family`` : the codes, for project.toml.
+    out : folder to make, with the folders above it.
+    cross : the target of a calibration scene, for cross.csv.
+    progress : told after every stage; may raise to stop the work.
+
     Raises
     ------
     FileExistsError
         ``out`` is there already.
     ValueError
-        The scene is impossible: a target behind a camera, an exposure longer
-        than the frame, ...
-    OSError
-        Nothing is left of what could not be written whole.
+        The scene is impossible: a target behind a camera, a motion of more than
+        200 px in an exposure, ...
+    ProjectFileError
+        ``options.calibration`` names no calibration project of these cameras.
+    SequenceError, OSError
+        The disk is full, or fails. Nothing is left of what cannot be written whole.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from videogrammetry.recognition import code_family
+    >>> from videogrammetry.rendering.scenes import tyre_scene
+    >>> codes = code_family("schneider-14")
+    >>> out = Path(tempfile.mkdtemp()) / "drop"
+    >>> done = simulate(tyre_scene(codes, num_stages=1), out, codes)
+    >>> done.num_pictures, done.num_visible, sorted(p.name for p in out.iterdir())
+    (4, 36, ['project.toml', 'sequence', 'truth'])
     """
     options = options or SimulateOptions()
     scene = occluded(scene, options.conditions.occluded, options.conditions.seed)
     _refuse_behind(scene)
+    kind = "calibration" if scene.name == "calibration" else "sequence"
+    other = None
+    if options.calibration is not None:
+        other = borrowed_calibration(options.calibration, Path(out), scene.rig.cameras)
+    lost = _missing(scene, options.conditions)
     with atomic_folder(out) as folder:
-        kind = "calibration" if scene.name == "calibration" else "sequence"
         (folder / kind).mkdir()
-        specs, truths, lost = _record(scene, folder / kind, options, progress)
-        specs = {name: f"{kind}/{spec}" for name, spec in specs.items()}
-        _write_truth(scene, folder, truths, options)
+        specs, truths = _record(scene, folder / kind, options, lost, progress)
+        write_truth(scene, folder, truths, _facts(options), lost)
         if cross is not None and kind == "calibration":
-            _write_cross(folder, cross, options)
+            write_cross(folder, cross, options.target_sigma_mm, options.conditions.seed)
         write_project(
             scene,
             folder,
-            Path(out),
-            specs,
+            {name: f"{kind}/{spec}" for name, spec in specs.items()},
             family,
-            calibration=options.calibration,
+            other=other,
             target_sigma_mm=options.target_sigma_mm,
             pictures=options.format != "mraw",
         )
-    seen = np.array([[t.visibility for t in row] for row in truths])[:, :, scene.marks.is_target]
-    return Simulated(
-        num_pictures=scene.num_stages * len(scene.rig.cameras),
-        num_visible=int((seen == VISIBILITY.index("visible")).sum()),
-        num_hidden=int((seen == VISIBILITY.index("occluded")).sum()),
-        missing={stage: list(scene.rig.cameras)[c] for stage, c in lost.items()},
-    )
+    return _counted(scene, truths, lost)
 
 
 def simulate_photos(
@@ -139,13 +164,21 @@ def simulate_photos(
     *,
     progress: Progress = lambda done, total, what: None,
 ) -> Simulated:
-    """Renders the photographs of the target; arguments and errors as :func:`simulate`."""
+    """Renders the photographs of the target; arguments and errors as :func:`simulate`.
+
+    Nothing hides a target and no photograph is missing: ``conditions.occluded``
+    and ``missing`` must be 0. For the format "mraw" TIFF is taken, because a
+    hand-held camera takes single pictures.
+    """
     options = options or SimulateOptions()
-    if options.format == "mraw":
-        options = replace(options, format="tiff")  # a hand-held camera takes single pictures
-    scene = photos.as_scene()
-    truths = []
     conditions = options.conditions
+    if conditions.occluded or conditions.missing:
+        raise ValueError("occluded, missing: photographs know neither; leave both at 0")
+    if options.format == "mraw":
+        options = replace(options, format="tiff")
+    scene = photos.as_scene()
+    _refuse_behind(scene)
+    truths = []
     with atomic_folder(out) as folder:
         writer = create_sequence(
             folder / "photos",
@@ -161,19 +194,33 @@ def simulate_photos(
                 writer.append(frame.image)
                 truths.append(frame.truth)
                 progress(index + 1, len(photos.cameras), "rendering")
-        _write_truth(scene, folder, [truths], options)
-        _write_points(folder / "truth" / "points.csv", photos)
+        write_truth(scene, folder, [truths], _facts(options), {})
+        write_photo_points(folder / "truth" / "points.csv", photos)
         write_photo_project(photos, folder, writer.spec, family)
-    seen = np.array([t.visibility for t in truths])
+    return _counted(scene, [truths], {})
+
+
+def _facts(options: SimulateOptions) -> dict[str, object]:
+    return {"conditions": options.conditions, "target_sigma_mm": options.target_sigma_mm}
+
+
+def _missing(scene: Scene, conditions: Conditions) -> dict[int, str]:
+    names = list(scene.rig.cameras)
+    lost = missing_camera(scene, conditions.missing, conditions.seed)
+    return {stage: names[camera] for stage, camera in lost.items()}
+
+
+def _counted(scene: Scene, truths: list[list[TargetTruth]], lost: dict[int, str]) -> Simulated:
+    seen = np.array([[t.visibility for t in row] for row in truths])[:, :, scene.marks.is_target]
     return Simulated(
-        num_pictures=len(truths),
+        num_pictures=seen.shape[0] * seen.shape[1],
         num_visible=int((seen == VISIBILITY.index("visible")).sum()),
         num_hidden=int((seen == VISIBILITY.index("occluded")).sum()),
-        missing={},
+        missing=lost,
     )
 
 
-def _renderer(camera: Any, index: int, conditions: Conditions) -> Renderer:
+def _renderer(camera: RigCamera, index: int, conditions: Conditions) -> Renderer:
     return Renderer(
         camera,
         background=conditions.background(camera, index),
@@ -198,49 +245,64 @@ def _refuse_behind(scene: Scene) -> None:
             if (depth <= reach).any():
                 worst = int(np.argmin(depth))
                 raise ValueError(
-                    f"the scene is impossible: at stage {stage} target {scene.marks.point[rows][worst]}"
-                    f" lies behind camera {name} ({depth[worst]:.0f} mm before it): change the "
-                    "object's way, or the cameras"
+                    f"the scene is impossible: at stage {stage} target "
+                    f"{scene.marks.point[rows][worst]} lies behind camera {name} or touches it "
+                    f"({depth[worst]:.0f} mm before its centre): change the object's way, or the "
+                    "cameras"
                 )
 
 
 def _record(
-    scene: Scene, folder: Path, options: SimulateOptions, progress: Progress
-) -> tuple[dict[str, str], list[list[TargetTruth]], dict[int, int]]:
-    """Renders all stages into one sequence a camera; returns names, truth, and empty pictures."""
-    conditions = options.conditions
+    scene: Scene,
+    folder: Path,
+    options: SimulateOptions,
+    lost: dict[int, str],
+    progress: Progress,
+) -> tuple[dict[str, str], list[list[TargetTruth]]]:
+    """Renders all stages into one sequence a camera; returns their names, and what is true."""
     cameras = scene.rig.cameras
-    renderers = [_renderer(c, i, conditions) for i, c in enumerate(cameras.values())]
-    lost = missing_camera(scene, conditions.missing, conditions.seed)
-    writers = {
-        name: create_sequence(
-            folder / name,
-            format=options.format,
-            image_size_px=camera.image_size_px,
-            num_frames=scene.num_stages,
-            bit_depth=conditions.bit_depth,
-            frame_rate_hz=scene.frame_rate_hz,
-            exposure_s=scene.exposure_s or None,
-            camera_name=name,
-        )
-        for name, camera in cameras.items()
-    }
-    _refuse_full_disk(folder, sum(writer.needed_bytes for writer in writers.values()))
+    renderers = [_renderer(c, i, options.conditions) for i, c in enumerate(cameras.values())]
     truths: list[list[TargetTruth]] = []
     with ExitStack() as stack:
-        for writer in writers.values():
-            stack.enter_context(writer)
+        writers = {
+            name: stack.enter_context(_writer(scene, folder, name, options)) for name in cameras
+        }
+        _refuse_full_disk(folder, sum(writer.needed_bytes for writer in writers.values()))
         for first in range(1, scene.num_stages + 1, _BATCH_STAGES):
             stages = range(first, min(first + _BATCH_STAGES, scene.num_stages + 1))
-            for stage, frames in zip(
-                stages, _render(scene, renderers, stages, options), strict=True
-            ):
-                for c, (writer, frame) in enumerate(zip(writers.values(), frames, strict=True)):
-                    empty = lost.get(stage) == c
-                    writer.append(np.zeros_like(frame.image) if empty else frame.image)
-                truths.append([frame.truth for frame in frames])
+            batch = _render(scene, renderers, stages, options)
+            for stage, frames in zip(stages, batch, strict=True):
+                kept = [
+                    _emptied(frame) if lost.get(stage) == name else frame
+                    for name, frame in zip(cameras, frames, strict=True)
+                ]
+                for writer, frame in zip(writers.values(), kept, strict=True):
+                    writer.append(frame.image)
+                truths.append([frame.truth for frame in kept])
                 progress(stage, scene.num_stages, "rendering")
-    return {name: writer.spec for name, writer in writers.items()}, truths, lost
+    return {name: writer.spec for name, writer in writers.items()}, truths
+
+
+def _writer(scene: Scene, folder: Path, name: str, options: SimulateOptions) -> SequenceWriter:
+    return create_sequence(
+        folder / name,
+        format=options.format,
+        image_size_px=scene.rig.cameras[name].image_size_px,
+        num_frames=scene.num_stages,
+        bit_depth=options.conditions.bit_depth,
+        frame_rate_hz=scene.frame_rate_hz,
+        exposure_s=scene.exposure_s or None,
+        camera_name=name,
+    )
+
+
+def _emptied(frame: RenderedFrame) -> RenderedFrame:
+    """A picture that was not delivered: black, and no target lies in it."""
+    seen = frame.truth.visibility
+    outside = np.minimum(seen, VISIBILITY.index("outside")).astype(seen.dtype)
+    return RenderedFrame(
+        image=np.zeros_like(frame.image), truth=replace(frame.truth, visibility=outside)
+    )
 
 
 def _refuse_full_disk(folder: Path, needed: int) -> None:
@@ -265,103 +327,3 @@ def _render(
     frames = render_frames(jobs, num_threads=options.num_threads)
     count = len(renderers)
     return [frames[i * count : (i + 1) * count] for i in range(len(stages))]
-
-
-def _write_truth(
-    scene: Scene, folder: Path, truths: list[list[TargetTruth]], options: SimulateOptions
-) -> None:
-    truth = folder / "truth"
-    truth.mkdir()
-    write_rig(truth / "rig.json", scene.rig)
-    write_text(truth / "trajectories.csv", format_trajectories(true_trajectories(scene, truths)))
-    write_text(truth / "images.csv", _images_csv(scene, truths))
-    facts = {
-        "scene": scene.name,
-        "stages": scene.num_stages,
-        "frame_rate_hz": scene.frame_rate_hz,
-        "exposure_s": scene.exposure_s,
-        "facts": scene.facts,
-        "conditions": options.conditions,
-        "target_sigma_mm": options.target_sigma_mm,
-    }
-    write_text(truth / "scene.json", json.dumps(plain(facts), indent=1) + "\n")
-
-
-def true_trajectories(scene: Scene, truths: list[list[TargetTruth]]) -> TrajectoryTable:
-    """The true places of the targets at the middle of every exposure, in the rig's frame."""
-    rows = np.flatnonzero(scene.marks.is_target)
-    names = list(scene.rig.cameras)
-    stages = np.arange(1, scene.num_stages + 1)
-    times = (stages - 1) / scene.frame_rate_hz
-    places = [scene.place(t).centre_mm[rows] for t in times.tolist()]
-    seen = [[t.visible[rows] for t in row] for row in truths]
-    count = len(rows) * len(stages)
-    return TrajectoryTable(
-        stage=np.repeat(stages, len(rows)).astype(np.int32),
-        time_s=np.repeat(times, len(rows)),
-        point=tuple(str(p) for _ in stages for p in scene.marks.point[rows].tolist()),
-        position_mm=np.concatenate(places),
-        sigma_mm=np.full((count, 3), np.nan),
-        cameras=tuple(
-            tuple(name for name, by_camera in zip(names, row, strict=True) if by_camera[k])
-            for row in seen
-            for k in range(len(rows))
-        ),
-    )
-
-
-_IMAGE_COLUMNS = (
-    *("stage", "camera", "point", "code", "visibility", "circle_x_px", "circle_y_px"),
-    *("x_px", "y_px", "semi_major_px", "semi_minor_px", "angle_rad"),
-)
-
-
-def _images_csv(scene: Scene, truths: list[list[TargetTruth]]) -> str:
-    """Every target in every picture: circle's centre, ellipse, visibility."""
-    rows = np.flatnonzero(scene.marks.is_target)
-    columns: list[list[Any]] = [[] for _ in _IMAGE_COLUMNS]
-    names = list(scene.rig.cameras)
-    for stage, row in enumerate(truths, start=1):
-        for name, t in zip(names, row, strict=True):
-            values: list[FloatArray] = [
-                *t.circle_px[rows].T, *t.centre_px[rows].T, *t.semi_axes_px[rows].T,
-                t.angle_rad[rows],
-            ]  # fmt: skip
-            code = [None if i < 0 else i for i in scene.marks.id[rows].tolist()]
-            seen = [VISIBILITY[v] for v in t.visibility[rows].tolist()]
-            text: list[list[Any]] = [
-                [stage] * len(rows), [name] * len(rows), scene.marks.point[rows].tolist(), code, seen,
-                *([None if np.isnan(x) else x for x in v.tolist()] for v in values),
-            ]  # fmt: skip
-            for column, part in zip(columns, text, strict=True):
-                column += part
-    return format_csv(_IMAGE_COLUMNS, columns)
-
-
-def _write_cross(folder: Path, cross: CrossTarget, options: SimulateOptions) -> None:
-    """cross.csv as a measurement of the target would give it, and its truth."""
-    exact = cross.points()
-    write_points(folder / "truth" / "cross.csv", exact)
-    sigma = options.target_sigma_mm
-    if sigma < 0:
-        raise ValueError(f"target sigma: expected 0 mm or more, got {sigma:g} mm")
-    rng = np.random.default_rng([options.conditions.seed, 21])
-    measured = exact.position_mm + rng.normal(0, sigma, exact.position_mm.shape)
-    cov = np.tile(sigma**2 * np.array([1.0, 0, 0, 1, 0, 1]), (len(exact), 1))
-    kept = {f.name: getattr(exact, f.name) for f in fields(PointSet)}
-    kept |= {"position_mm": measured.round(6), "cov_mm2": cov if sigma > 0 else None}
-    write_points(folder / "cross.csv", PointSet(**kept))
-
-
-def _write_points(path: Path, photos: PhotoScene) -> None:
-    rows = np.flatnonzero(photos.marks.is_target)
-    place = photos.place
-    write_points(
-        path,
-        PointSet(
-            id=photos.marks.point[rows],
-            position_mm=place.centre_mm[rows],
-            normal=place.normal[rows],
-            diameter_mm=2 * photos.marks.radius_mm[rows],
-        ),
-    )

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from videogrammetry.errors import ProjectFileError
 from videogrammetry.project import ScaleBar, read_project, write_scale_bars, write_text
 from videogrammetry.recognition import CodeFamily
 from videogrammetry.rendering.scenes import PhotoScene, Scene
@@ -18,14 +22,22 @@ from videogrammetry.rendering.scenes.photos import BAR_SIGMA_MM
 _SMALLEST, _LARGEST = 0.75, 1.5
 
 
+@dataclass(frozen=True, kw_only=True)
+class BorrowedCalibration:
+    """Another project's calibration: camera -> pictures, and the target; paths from here."""
+
+    pictures: Mapping[str, list[str]]
+    target: str
+    sigma_mm: float | None
+
+
 def write_project(
     scene: Scene,
     folder: Path,
-    out: Path,
     sequences: Mapping[str, str],
     family: CodeFamily,
     *,
-    calibration: Path | None = None,
+    other: BorrowedCalibration | None = None,
     target_sigma_mm: float = 0.1,
     pictures: bool = False,
 ) -> None:
@@ -33,27 +45,26 @@ def write_project(
 
     Parameters
     ----------
-    out : where the folder will stand in the end; names start there.
     sequences : camera -> name of its sequence within the folder.
-    calibration : folder of a calibration project whose pictures a sequence uses.
+    other : of a calibration project whose pictures a sequence uses.
+    target_sigma_mm : of the coordinates in a calibration's cross.csv; 0 = exact.
     pictures : the sequence is of single pictures, which state no frame rate.
     """
     lines = ["schema = 1", f'name = "simulated {scene.name}"', ""]
     is_calibration = scene.name == "calibration"
-    other = None if calibration is None else _other_calibration(calibration, out)
     for name, spec in sequences.items():
-        lines.append(f"[cameras.{name}]")
+        lines.append(f"[cameras.{_key(name)}]")
         if is_calibration:
-            lines.append(f'calibration = "{spec}"')
+            lines.append(f"calibration = {_text(spec)}")
         else:
             if other is not None:
-                lines.append(f"calibration = {_listed(other['cameras'][name])}")
-            lines.append(f'sequence = "{spec}"')
+                lines.append(f"calibration = {_listed(other.pictures[name])}")
+            lines.append(f"sequence = {_text(spec)}")
         lines.append("")
     if is_calibration:
         lines += _calibration_table("cross.csv", target_sigma_mm)
     elif other is not None:
-        lines += _calibration_table(other["target"], other["sigma_mm"])
+        lines += _calibration_table(other.target, other.sigma_mm)
     lines += _targets_table(scene, family)
     if pictures and not is_calibration:
         lines += ["[sequence]", f"frame_rate_hz = {scene.frame_rate_hz!r}", ""]
@@ -62,9 +73,7 @@ def write_project(
     write_text(folder / "project.toml", "\n".join(lines).rstrip() + "\n")
 
 
-def write_photo_project(
-    photos: PhotoScene, folder: Path, spec: str, family: CodeFamily
-) -> None:
+def write_photo_project(photos: PhotoScene, folder: Path, spec: str, family: CodeFamily) -> None:
     """Writes project.toml and scale-bars.csv for the photographs of the target."""
     bars = [
         ScaleBar(point_a=a, point_b=b, length_mm=length, sigma_mm=BAR_SIGMA_MM)
@@ -73,7 +82,7 @@ def write_photo_project(
     write_scale_bars(folder / "scale-bars.csv", bars)
     lines = [
         *("schema = 1", 'name = "simulated target photographs"', ""),
-        *("[cameras.handheld]", f'calibration = "{spec}"', ""),
+        *("[cameras.handheld]", f"calibration = {_text(spec)}", ""),
         *("[calibration]", 'scale_bars = "scale-bars.csv"', ""),
         *_targets_table(photos.as_scene(), family),
     ]
@@ -81,37 +90,60 @@ def write_photo_project(
 
 
 def _calibration_table(target: str, sigma_mm: float | None) -> list[str]:
-    lines = ["[calibration]", f'target = "{target}"']
+    lines = ["[calibration]", f"target = {_text(target)}"]
     if sigma_mm:
         lines.append(f"sigma_mm = {sigma_mm:g}")
     return [*lines, ""]
 
 
-def _other_calibration(calibration: Path, out: Path) -> dict[str, Any]:
-    """What the calibration project names, relative to ``out``."""
+def borrowed_calibration(
+    calibration: Path, out: Path, cameras: Iterable[str]
+) -> BorrowedCalibration:
+    """What a calibration project names, relative to the folder ``out`` (which need not exist).
+
+    Raises
+    ------
+    ProjectFileError
+        There is no project, or it does not calibrate all of ``cameras``.
+    """
     project = read_project(calibration)
     if project.calibration.target is None:
-        raise ValueError(
+        raise ProjectFileError(
             f"{project.path}: names no calibration target, so a sequence cannot use it; give the "
             "folder of a calibration project"
+        )
+    without = [n for n in cameras if n not in project.cameras or not project.cameras[n].calibration]
+    if without:
+        raise ProjectFileError(
+            f"{project.path}: names no calibration pictures of {', '.join(without)}, so a sequence "
+            f"cannot use it; it has the cameras {', '.join(project.cameras)}"
         )
     start = out.resolve()
 
     def relative(name: str | Path) -> str:
-        return Path(os.path.relpath(project.folder / name, start)).as_posix()
+        return Path(os.path.relpath(project.folder.resolve() / name, start)).as_posix()
 
-    return {
-        "cameras": {
-            name: [relative(spec) for spec in camera.calibration or ()]
-            for name, camera in project.cameras.items()
+    return BorrowedCalibration(
+        pictures={
+            name: [relative(spec) for spec in project.cameras[name].calibration or ()]
+            for name in cameras
         },
-        "target": relative(project.calibration.target),
-        "sigma_mm": project.calibration.sigma_mm,
-    }
+        target=relative(project.calibration.target),
+        sigma_mm=project.calibration.sigma_mm,
+    )
+
+
+def _text(text: str) -> str:
+    """A TOML text: its basic strings take JSON's escapes."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else _text(name)
 
 
 def _listed(names: list[str]) -> str:
-    quoted = [f'"{name}"' for name in names]
+    quoted = [_text(name) for name in names]
     return quoted[0] if len(quoted) == 1 else f"[{', '.join(quoted)}]"
 
 
@@ -121,7 +153,7 @@ def _targets_table(scene: Scene, family: CodeFamily) -> list[str]:
     smallest, largest = _diameters_px(scene, rows)
     return [
         "[targets]",
-        f'codes = "{family.name}"',
+        f"codes = {_text(family.name)}",
         f"diameter_px = [{max(2, int(smallest))}, {int(largest) + 1}]",
         f"diameter_mm = {diameter_mm:g}",
         "",
@@ -151,9 +183,7 @@ def _verify_table(scene: Scene, folder: Path) -> list[str]:
     facts = scene.facts
     if "bars" in facts:
         bars = [
-            ScaleBar(
-                point_a=a, point_b=b, length_mm=facts["length_mm"], sigma_mm=facts["sigma_mm"]
-            )
+            ScaleBar(point_a=a, point_b=b, length_mm=facts["length_mm"], sigma_mm=facts["sigma_mm"])
             for a, b in facts["bars"]
         ]
         write_scale_bars(folder / "bars.csv", bars)

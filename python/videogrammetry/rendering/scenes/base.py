@@ -14,6 +14,7 @@ from videogrammetry.types import FloatArray, IntArray, RigData
 
 #: Sticker of a coded target over its ring's outer radius, and of an un-coded one over its dot's.
 CODED_STICKER, UNCODED_STICKER = 1.1, 2.0
+_MAX_RATE_HZ = 1e7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +58,10 @@ def targets(
     Raises
     ------
     ValueError
-        A number is beyond the family's codes, or an un-coded one among them.
+        A number is beyond the family's codes, or the dots have no size.
     """
+    if not 0 < radius_mm < np.inf:
+        raise ValueError(f"dot: expected a diameter over 0 mm, got {2 * radius_mm:g} mm")
     number = np.asarray(points, dtype=np.int32)
     is_coded = np.asarray(coded, dtype=bool)
     wrong = number[is_coded & ((number < 1) | (number > len(family)))]
@@ -105,10 +108,9 @@ def bodies(like: Marks, radius_mm: Sequence[float], level: Sequence[float], squa
 
 def join(*parts: Marks) -> Marks:
     """Several marks as one table."""
-    columns = [f.name for f in fields(Marks) if f.name not in ("num_bits", "ring")]
-    return replace(
-        parts[0], **{c: np.concatenate([getattr(p, c) for p in parts]) for c in columns}
-    )
+    names = [f.name for f in fields(Marks) if f.name not in ("num_bits", "ring")]
+    columns: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
+    return replace(parts[0], **columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,9 +133,7 @@ class Placement:
 def join_placements(*parts: Placement) -> Placement:
     """Several placements as one table."""
     return Placement(
-        **{
-            f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Placement)
-        }
+        **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Placement)}
     )
 
 
@@ -166,7 +166,8 @@ class Scene:
     marks : what is printed. place : time in s -> Placement, in the rig's frame.
     num_stages, frame_rate_hz : stage i (from 1) is taken at (i - 1) / rate; where
         the object stands still at every stage, the rate says only how they count.
-    exposure_s : the targets move during it; times are those of its middle.
+    exposure_s : the targets move during it, straight and evenly; times are those
+        of its middle.
     still : whether the object stands still at each stage (no motion blur).
     facts : numbers of the scene that a reader of the results may want.
     """
@@ -184,9 +185,12 @@ class Scene:
     def __post_init__(self) -> None:
         if self.num_stages < 1:
             raise ValueError(f"stages: expected 1 or more, got {self.num_stages}")
-        if not self.frame_rate_hz > 0:
-            raise ValueError(f"frame rate: expected more than 0 Hz, got {self.frame_rate_hz:g}")
-        if self.exposure_s < 0:
+        if not 0 < self.frame_rate_hz <= _MAX_RATE_HZ:
+            raise ValueError(
+                f"frame rate: expected more than 0 Hz, to {_MAX_RATE_HZ:g} Hz, got "
+                f"{self.frame_rate_hz:g}"
+            )
+        if not self.exposure_s >= 0:
             raise ValueError(f"exposure: expected 0 s or more, got {self.exposure_s:g} s")
         if self.exposure_s > 1 / self.frame_rate_hz:
             raise ValueError(
@@ -206,22 +210,8 @@ class Scene:
         its middle: the acceleration within it, a T^2 / 24, is left out.
         """
         marks = self.marks
-        middle = self.place(time_s)
-        pose: dict[str, Any] = {f.name: getattr(middle, f.name) for f in fields(Placement)}
-        if self.exposure_s > 0 and not self.still:
-            begin = self.place(time_s - 0.5 * self.exposure_s)
-            end = self.place(time_s + 0.5 * self.exposure_s)
-            way = 0.5 * (end.centre_mm - begin.centre_mm)
-            pose = {
-                "centre_mm": middle.centre_mm - way,
-                "normal": begin.normal,
-                "x_axis": begin.x_axis,
-                "end_centre_mm": middle.centre_mm + way,
-                "end_normal": end.normal,
-                "end_x_axis": end.x_axis,
-            }
         return SceneTargets(
-            **pose,
+            **self._poses(time_s),
             radius_mm=marks.radius_mm,
             id=marks.point,
             num_bits=np.where(marks.code > 0, marks.num_bits, 0),
@@ -232,3 +222,23 @@ class Scene:
             white=marks.white,
             black=marks.black,
         )
+
+    def _poses(self, time_s: float) -> dict[str, Any]:
+        """Where the exposure finds the marks, at its begin and at its end."""
+        middle = self.place(time_s)
+        if self.still or self.exposure_s == 0:
+            return {f.name: getattr(middle, f.name) for f in fields(Placement)}
+        # A hair less than a frame at most, so that no exposure reaches into the next stage.
+        half = min(0.5 * self.exposure_s, 0.499999 / self.frame_rate_hz)
+        begin, end = self.place(time_s - half), self.place(time_s + half)
+        # A straight way through the true place at the stage's time: what is true of
+        # the picture is true of the trajectory.
+        way = 0.5 * (end.centre_mm - begin.centre_mm)
+        return {
+            "centre_mm": middle.centre_mm - way,
+            "normal": begin.normal,
+            "x_axis": begin.x_axis,
+            "end_centre_mm": middle.centre_mm + way,
+            "end_normal": end.normal,
+            "end_x_axis": end.x_axis,
+        }

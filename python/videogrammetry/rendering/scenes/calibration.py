@@ -18,6 +18,7 @@ _UPRIGHT = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 # A camera must see this share of the points that face it, or the place is drawn inwards.
 _MIN_SEEN = 0.75
 _BORDER_PX = 16.0
+_MAX_SHIFTS = 60  # a factor of 0.93 each time: to 1 % of the first place
 
 
 def calibration_scene(
@@ -39,7 +40,7 @@ def calibration_scene(
     Raises
     ------
     ValueError
-        An option is impossible.
+        An option is impossible, or the cross too large for the pictures.
     """
     if num_orientations < 1:
         raise ValueError(f"orientations: expected 1 or more, got {num_orientations}")
@@ -78,12 +79,15 @@ def _pose(
         np.array([0.0, 0.0, roll])
     )
     rotation = lab.rotation @ _UPRIGHT @ turn
-    for _ in range(30):
+    for _ in range(_MAX_SHIFTS):
         translation = lab.rotation @ shift + lab.origin_mm
         if all(_share_seen(c, cross, rotation, translation) >= _MIN_SEEN for c in _all(rig)):
-            break
+            return rotation, translation
         shift = 0.93 * shift
-    return rotation, translation
+    raise ValueError(
+        f"span: even in the middle of the volume the cameras see less than {_MIN_SEEN:.0%} of the "
+        "cross's side; choose a smaller cross or a smaller tilt"
+    )
 
 
 def _all(rig: RigData) -> list[RigCamera]:
@@ -98,8 +102,9 @@ def _share_seen(
     in_cam = place.centre_mm[facing] @ camera.rotation.T + camera.translation_mm
     xy = project(camera, in_cam)
     limit = np.array(camera.image_size_px) - 1 - _BORDER_PX
-    inside = np.isfinite(xy).all(axis=1) & (xy > _BORDER_PX).all(axis=1) & (xy < limit).all(axis=1)
-    return float(inside.mean()) if len(inside) else 0.0
+    # Not finite, behind the camera: in no picture either.
+    inside = ((xy > _BORDER_PX) & (xy < limit)).all(axis=1)
+    return float(np.mean(inside)) if facing.any() else 0.0
 
 
 def _evenly(k: int, dimensions: int, seed: int) -> FloatArray:

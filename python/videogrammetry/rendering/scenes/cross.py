@@ -41,14 +41,15 @@ class CrossTarget:
 
 def _layout() -> tuple[FloatArray, FloatArray]:
     """Places of the coded and the un-coded points of one side, mm, for the nominal span."""
-    coded, plain = [], [(0.0, 0.0)]
+    coded: list[FloatArray] = []
+    plain = [np.zeros(2)]
     for arm in range(4):
         c, s = np.cos(arm * np.pi / 2), np.sin(arm * np.pi / 2)
         turn = np.array([[c, -s], [s, c]])
         coded += [turn @ (r, across) for r in (630.0, 380.0) for across in (-130.0, 130.0)]
         plain += [turn @ (r, 0.0) for r in (120.0, 220.0, 320.0, 420.0, 520.0, 620.0)]
         plain += [turn @ (505.0, across) for across in (-130.0, 130.0)]
-    return np.round(np.array(coded), 9), np.round(np.array(plain), 9)
+    return np.array(coded).round(9), np.array(plain).round(9)
 
 
 def cross_target(
@@ -67,6 +68,12 @@ def cross_target(
     depth_mm : how far the arms' ends are bent out of the plane.
     thickness_mm : between the two sides.
 
+    Raises
+    ------
+    ValueError
+        A length is not above 0 mm, the dots do not fit on the cross, or the family
+        has too few codes.
+
     Examples
     --------
     >>> from videogrammetry.recognition import code_family
@@ -75,7 +82,7 @@ def cross_target(
     (98, 32, 582)
     """
     for name, value in (("span", span_mm), ("dot", dot_mm), ("thickness", thickness_mm)):
-        if not value > 0:
+        if not 0 < value < np.inf:
             raise ValueError(f"{name}: expected more than 0 mm, got {value:g} mm")
     scale = span_mm / _SPAN_MM
     if dot_mm > 40.0 * scale:

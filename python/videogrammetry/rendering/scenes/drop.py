@@ -3,7 +3,8 @@
 Free fall from rest with air drag k v^2 per unit of mass: s = ln(cosh(t sqrt(g k))) / k;
 without drag, or with an initial speed, s = v0 t + g t^2 / 2. In contact the
 compression d obeys d'' = g - w^2 d - 2 z w d', d(0) = 0, d'(0) = v; it ends
-where d returns to 0. Velocity is continuous throughout.
+where d returns to 0. Height and velocity are continuous throughout. Only the
+first fall feels the air: the rebounds are slow.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-_PHASES = 40  # bounces at most; later ones are lower than anybody can see
+_MIN_SPEED_MM_S = 1.0  # a slower rebound, of 0.05 um, is none
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,12 @@ class Drop:
     height_mm : at time 0, at rest or falling with ``speed_mm_s``.
     gravity_mm_s2 : the local g. drag_per_mm : k; only from rest.
     contact_s : half a period of the tyre's spring: how long a contact lasts, about.
-    damping : of the spring, share of the critical one.
+    damping : of the spring, share of the critical one, 0.01 ... 0.99.
+
+    Raises
+    ------
+    ValueError
+        A number is out of its range, or a drag is given with an initial speed.
 
     Examples
     --------
@@ -53,16 +59,19 @@ class Drop:
         contact_s: float = 0.032,
         damping: float = 0.12,
     ) -> None:
-        if not height_mm > 0:
+        if not 0 < height_mm < math.inf:
             raise ValueError(f"height: expected more than 0 mm, got {height_mm:g} mm")
-        if not gravity_mm_s2 > 0:
+        if not 0 < gravity_mm_s2 < math.inf:
             raise ValueError(f"gravity: expected more than 0, got {gravity_mm_s2:g} mm/s^2")
-        if speed_mm_s < 0 or drag_per_mm < 0:
-            raise ValueError("speed and drag: expected 0 or more")
+        if not (0 <= speed_mm_s < math.inf and 0 <= drag_per_mm < math.inf):
+            raise ValueError(
+                f"speed and drag: expected 0 or more, got {speed_mm_s:g} mm/s and "
+                f"{drag_per_mm:g}/mm"
+            )
         if speed_mm_s and drag_per_mm:
             raise ValueError("drag: is known here for a fall from rest only; leave speed 0")
-        if not (contact_s > 0 and 0 <= damping < 1):
-            raise ValueError("contact: expected a time over 0 s and a damping in [0, 1)")
+        if not (0 < contact_s < math.inf and 0.01 <= damping <= 0.99):
+            raise ValueError("contact: expected a time over 0 s and a damping of 0.01 ... 0.99")
         self._h, self._g, self._v0, self._k = height_mm, gravity_mm_s2, speed_mm_s, drag_per_mm
         self._w = math.pi / contact_s
         self._zw = damping * self._w
@@ -73,26 +82,27 @@ class Drop:
     def _first_touch(self) -> tuple[float, float]:
         g, k, v0 = self._g, self._k, self._v0
         if k:
-            end = math.acosh(math.exp(k * self._h)) / math.sqrt(g * k)
+            # acosh(e^x) = x + ln(1 + sqrt(1 - e^-2x)), which no x overflows.
+            x = k * self._h
+            end = (x + math.log1p(math.sqrt(-math.expm1(-2 * x)))) / math.sqrt(g * k)
             return end, math.sqrt(g / k) * math.tanh(end * math.sqrt(g * k))
         end = (math.sqrt(v0**2 + 2 * g * self._h) - v0) / g
         return end, v0 + g * end
 
     def _bounces(self, speed: float) -> list[_Phase]:
-        phases, time = [], self.touch_s
-        for _ in range(_PHASES):
+        phases: list[_Phase] = []
+        time = self.touch_s
+        while True:
             length = self._contact_length(speed)
+            rebound = -self._spring(length, speed)[1] if math.isfinite(length) else 0.0
+            if rebound < _MIN_SPEED_MM_S:
+                return [*phases, _Phase(True, time, math.inf, speed)]
             phases.append(_Phase(True, time, time + length, speed))
-            if not math.isfinite(length):
-                break
             time += length
-            speed = -self._spring(length, speed)[1]
-            if speed < 1.0:
-                break
-            flight = 2 * speed / self._g
-            phases.append(_Phase(False, time, time + flight, speed))
+            flight = 2 * rebound / self._g
+            phases.append(_Phase(False, time, time + flight, rebound))
             time += flight
-        return phases
+            speed = rebound
 
     def _spring(self, t: float, speed: float) -> tuple[float, float]:
         """Compression and its rate, t after the touch."""
@@ -117,19 +127,19 @@ class Drop:
     def fall_mm(self, t: float) -> float:
         """Way fallen since time 0, before the first touch; negative times go on backwards."""
         if self._k and t > 0:
-            return math.log(math.cosh(t * math.sqrt(self._g * self._k))) / self._k
+            x = t * math.sqrt(self._g * self._k)
+            return (x + math.log1p(math.exp(-2 * x)) - math.log(2)) / self._k  # ln cosh x
         return self._v0 * t + 0.5 * self._g * t * t
 
-    def _phase(self, t: float) -> _Phase | None:
-        return next((p for p in self._phases if p.start_s <= t < p.end_s), None)
+    def _phase(self, t: float) -> _Phase:
+        """That of a time from the touch on; the last one has no end."""
+        return next(p for p in self._phases if t < p.end_s)
 
     def height_mm(self, t: float) -> float:
         """Height of the middle over its height at the touch; negative in contact."""
         if t < self.touch_s:
             return self._h - self.fall_mm(t)
         phase = self._phase(t)
-        if phase is None:
-            return -self._g / self._w**2
         past = t - phase.start_s
         if phase.contact:
             return -self._spring(past, phase.speed_mm_s)[0]
@@ -139,9 +149,8 @@ class Drop:
         """How far the ground presses the tyre in; 0 in flight."""
         return max(0.0, -self.height_mm(t)) if t >= self.touch_s else 0.0
 
-    def release(self, t: float) -> tuple[float, float] | None:
-        """Time since the last contact ended and the speed then; None before or in a contact."""
-        phase = self._phase(t) if t >= self.touch_s else None
-        if phase is None or phase.contact:
-            return None
-        return t - phase.start_s, phase.speed_mm_s
+    def releases(self, t: float) -> list[tuple[float, float]]:
+        """Of every contact that has ended: the time since, and the speed upwards then."""
+        return [
+            (t - p.start_s, p.speed_mm_s) for p in self._phases if not p.contact and p.start_s <= t
+        ]

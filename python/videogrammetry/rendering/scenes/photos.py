@@ -1,6 +1,7 @@
 """Photographs of the standing cross: a hand-held camera goes round it.
 
-Stations every 45 degrees at several heights, some rolled by 90 degrees. Coded
+Stations every 45 degrees (or another step) at several heights, every third
+picture rolled by 90 degrees. Coded
 targets on tilted boards and on the floor are seen from neighbouring stations
 and so tie the cross's two sides together; two scale bars stand beside it.
 """
@@ -36,6 +37,7 @@ _CROSS_HEIGHT_MM = 1050.0
 _BOARDS, _BOARD_RADIUS_MM, _FLOOR_RADIUS_MM = 8, 1150.0, 800.0
 #: Lengths of the two bars and their standard deviation, mm.
 BARS_MM, BAR_SIGMA_MM = (1000.214, 1000.087), 0.01
+_FARTHEST_MM = 50000.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,28 +96,24 @@ def photos_scene(
     """
     if not 5 <= step_deg <= 180:
         raise ValueError(f"step: expected 5 ... 180 degrees between stations, got {step_deg:g}")
-    if distance_mm < 2000:
+    if not 2000 <= distance_mm <= _FARTHEST_MM:
         raise ValueError(
-            f"distance: the camera would stand among the boards at {distance_mm:g} mm; expected "
-            "2000 mm or more"
+            f"distance: expected 2000 mm (nearer, the camera would stand among the boards) to "
+            f"{_FARTHEST_MM:g} mm, got {distance_mm:g} mm"
+        )
+    if not heights_mm or not all(0 < height <= _FARTHEST_MM for height in heights_mm):
+        raise ValueError(
+            f"heights: expected numbers over 0 mm (the floor) to {_FARTHEST_MM:g} mm, got "
+            f"{[float(h) for h in heights_mm]}"
+        )
+    if min(image_size_px) < 100 or max(image_size_px) > 20000:
+        raise ValueError(
+            f"size: expected pictures of 100 to 20000 px a side, got {tuple(image_size_px)}"
         )
     cross = cross or cross_target(family)
     extra, places, bars = _surroundings(family, cross)
-    # The world is the cross's frame: x right, y down, z away from the front.
-    down = _CROSS_HEIGHT_MM
-    rng = np.random.default_rng([seed, 11])
-    cameras = {}
-    count = round(360 / step_deg)
-    for h, height in enumerate(heights_mm):
-        for k in range(count):
-            name = f"photos_{h * count + k + 1:06d}"
-            azimuth = np.radians(k * step_deg + 7.0 * h) + rng.normal(0, 0.04)
-            stand = np.array(
-                [distance_mm * np.sin(azimuth), down - height, -distance_mm * np.cos(azimuth)]
-            ) * (1, 1, 1) + rng.normal(0, 40.0, 3)
-            aim = np.array([0.0, 0.25 * (down - 600.0), 0.0]) + rng.normal(0, 50.0, 3)
-            roll = 0.5 * np.pi * ((k + h) % 3 == 0) + rng.normal(0, 0.05)
-            cameras[name] = _camera(stand, aim, roll, image_size_px)
+    cameras = _stations(heights_mm, step_deg, distance_mm, image_size_px, seed)
+    count = len(cameras) // len(heights_mm)
     return PhotoScene(
         cameras=cameras,
         marks=join(cross.marks, extra),
@@ -126,11 +124,39 @@ def photos_scene(
     )
 
 
+def _stations(
+    heights_mm: Sequence[float],
+    step_deg: float,
+    distance_mm: float,
+    image_size_px: tuple[int, int],
+    seed: int,
+) -> dict[str, RigCamera]:
+    """A hand's cameras: nearly at the heights and directions asked for, nearly upright or rolled.
+
+    The world is the cross's frame: x right, y down, z away from the front.
+    """
+    down = _CROSS_HEIGHT_MM
+    rng = np.random.default_rng([seed, 11])
+    cameras = {}
+    count = round(360 / step_deg)
+    for h, height in enumerate(heights_mm):
+        for k in range(count):
+            name = f"photos_{h * count + k + 1:06d}"
+            azimuth = np.radians(k * step_deg + 7.0 * h) + rng.normal(0, 0.04)
+            stand = np.array(
+                [distance_mm * np.sin(azimuth), down - height, -distance_mm * np.cos(azimuth)]
+            ) + rng.normal(0, 40.0, 3)
+            aim = np.array([0.0, 0.25 * (down - 600.0), 0.0]) + rng.normal(0, 50.0, 3)
+            roll = 0.5 * np.pi * ((k + h) % 3 == 0) + rng.normal(0, 0.05)
+            cameras[name] = _camera(stand, aim, roll, image_size_px)
+    return cameras
+
+
 def _surroundings(
     family: CodeFamily, cross: CrossTarget
 ) -> tuple[Marks, Placement, list[tuple[int, int, float]]]:
     """Boards round the cross, targets on the floor, two bars; in the cross's frame."""
-    floor = _CROSS_HEIGHT_MM
+    floor, up = _CROSS_HEIGHT_MM, np.array([0.0, -1.0, 0.0])
     centres, normals = [], []
     for k in range(_BOARDS):  # boards lean back by 45 degrees, two targets each
         azimuth = 2 * np.pi * (k + 0.5) / _BOARDS
@@ -138,12 +164,12 @@ def _surroundings(
         along = np.array([np.cos(azimuth), 0.0, np.sin(azimuth)])
         for step in (-90.0, 90.0):
             centres.append(_BOARD_RADIUS_MM * out + step * along + [0, floor - 80.0, 0])
-            normals.append(out + [0.0, -1.0, 0.0])
+            normals.append(out + up)
     for k in range(_BOARDS):
         azimuth = 2 * np.pi * k / _BOARDS
         out = np.array([np.sin(azimuth), 0.0, -np.cos(azimuth)])
         centres.append(_FLOOR_RADIUS_MM * out + [0, floor, 0])
-        normals.append(np.array([0.0, -1.0, 0.0]))
+        normals.append(up)
     bars = []
     first = 2 * NUM_CODED + 1
     for k, length in enumerate(BARS_MM):  # one faces the front, one the back, both aslant

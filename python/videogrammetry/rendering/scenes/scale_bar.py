@@ -17,6 +17,7 @@ import numpy as np
 from videogrammetry.geometry import rotation_from_vector
 from videogrammetry.recognition import CodeFamily
 from videogrammetry.rendering.scenes.base import (
+    Marks,
     Placement,
     Scene,
     bodies,
@@ -33,6 +34,7 @@ LENGTH_MM, SIGMA_MM = 1100.057, 0.003
 #: Half extents of the curve that the bar's middle follows: x, y (depth), z, mm.
 VOLUME_MM = (1100.0, 700.0, 1100.0)
 _BEAM_PARTS, _THICKNESS_MM = 12, 30.0
+_SHORTEST = 8  # dots a bar is long at least, or its two stickers leave no room for a beam
 
 
 def scale_bar_scene(
@@ -59,14 +61,17 @@ def scale_bar_scene(
         An option is impossible.
     """
     speeds = np.asarray(speeds_mm_s, dtype=float)
-    if speeds.ndim != 1 or not len(speeds) or not (speeds > 0).all():
+    if speeds.ndim != 1 or not len(speeds) or not ((speeds > 0) & (speeds < np.inf)).all():
         raise ValueError(f"speeds: expected numbers over 0 mm/s, got {list(speeds_mm_s)}")
     if num_stages < 2:
         raise ValueError(f"stages: a moving bar needs 2 or more, got {num_stages}")
-    if not length_mm > 4 * dot_mm > 0:
+    if not 0 < _SHORTEST * dot_mm <= length_mm < np.inf or length_mm <= 2 * _THICKNESS_MM:
         raise ValueError(
-            f"length: a bar of {length_mm:g} mm is too short for dots of {dot_mm:g} mm"
+            f"length: a bar of {length_mm:g} mm is too short for dots of {dot_mm:g} mm; expected "
+            f"{_SHORTEST} dots or more, and more than {2 * _THICKNESS_MM:g} mm"
         )
+    if not 0 <= tilt_deg < 70:
+        raise ValueError(f"tilt: expected 0 ... 70 degrees, got {tilt_deg:g}")
     rig = rig or paper_rig()
     lab = lab_frame(rig, tuple(rig.cameras)[:2])
     way = _Way(speeds, tilt_deg, seed)
@@ -96,7 +101,9 @@ def scale_bar_scene(
     )
 
 
-def _bar(family: CodeFamily, length_mm: float, dot_mm: float, cross_pair: bool):  # type: ignore[no-untyped-def]
+def _bar(
+    family: CodeFamily, length_mm: float, dot_mm: float, cross_pair: bool
+) -> tuple[Marks, Placement]:
     """Marks and places in the bar's frame: x along it, -y towards cameras 1-2."""
     half = 0.5 * length_mm
     across = 0.5 * _THICKNESS_MM
@@ -136,8 +143,11 @@ class _Way:
         step = np.linalg.norm(np.diff(self._middle(u), axis=0), axis=1)
         way = np.concatenate([[0], np.cumsum(step)])
         # Speed over the way: from one chosen speed to the next, evenly.
-        speed = np.interp(way / way[-1], np.linspace(0, 1, max(len(speeds), 2)),
-                          speeds if len(speeds) > 1 else np.repeat(speeds, 2))
+        speed = np.interp(
+            way / way[-1],
+            np.linspace(0, 1, max(len(speeds), 2)),
+            speeds if len(speeds) > 1 else np.repeat(speeds, 2),
+        )
         time = np.concatenate([[0], np.cumsum(step * 0.5 * (1 / speed[1:] + 1 / speed[:-1]))])
         self._u, self._time = u, time
         self.duration_s = float(time[-1])

@@ -50,7 +50,9 @@ class Tyre:
     points_mm: float = 255.0
     spin_rad_s: float = 0.0
 
-    def place(self, radius: FloatArray, angle: FloatArray, side: FloatArray, t: float) -> FloatArray:
+    def place(
+        self, radius: FloatArray, angle: FloatArray, side: FloatArray, t: float
+    ) -> FloatArray:
         """Places (N, 3) in the laboratory, about the middle at the touch.
 
         ``radius`` and ``angle`` (from the right, towards up, at time 0) are those
@@ -71,17 +73,16 @@ class Tyre:
         )
 
     def _lobes(self, t: float) -> float:
-        """Amplitude of the two-lobed mode: with the load, then ringing, velocity continuous."""
-        pressed = self.drop.compression_mm(t)
-        if pressed > 0:
-            return -_LOBES * pressed
-        after = self.drop.release(t)
-        if after is None:
-            return 0.0
-        past, speed = after
+        """Amplitude of the two-lobed mode: with the load, and ringing after every contact.
+
+        Continuous; its velocity is, too, but for the blow of a touch.
+        """
         omega = 2 * math.pi * _RING_HZ
-        swing = math.exp(-_RING_FADE_PER_S * past) * math.sin(omega * past)
-        return _LOBES * speed / omega * swing
+        ringing = sum(
+            speed / omega * math.exp(-_RING_FADE_PER_S * past) * math.sin(omega * past)
+            for past, speed in self.drop.releases(t)
+        )
+        return _LOBES * (ringing - self.drop.compression_mm(t))
 
     def on_surface(
         self, radius: FloatArray, angle: FloatArray, side: FloatArray, t: float
@@ -121,7 +122,14 @@ def tyre_scene(
     gravity_m_s2 : the local g. drag_per_m : k of the drag k v^2, from rest only.
     spin_deg_s : about the axis. dot_mm : diameter of the dots.
     uncoded : plain dots without rings; the points have the same numbers in the truth.
+
+    Raises
+    ------
+    ValueError
+        An option is impossible.
     """
+    if not math.isfinite(spin_deg_s):
+        raise ValueError(f"spin: expected a number, got {spin_deg_s:g} degrees per second")
     rig = rig or paper_rig()
     lab = lab_frame(rig, tuple(rig.cameras)[:2])
     drop = Drop(
@@ -159,7 +167,8 @@ def _marks(
     coded = [not uncoded] * len(points)
     marks = targets(family, points, coded, 0.5 * dot_mm)
     fits = 2 * tyre.points_mm * math.sin(math.pi / len(BACK_POINTS))
-    if dot_mm <= 0 or 2.2 * 0.5 * dot_mm * (2 if uncoded else family.ring[1]) > fits:
+    sticker = float(marks.sticker_mm.max())
+    if 2 * sticker > fits or tyre.points_mm + sticker > tyre.radius_mm:
         raise ValueError(
             f"dot: {len(BACK_POINTS)} targets with dots of {dot_mm:g} mm do not fit on a side "
             "wall of this tyre; choose a smaller dot"

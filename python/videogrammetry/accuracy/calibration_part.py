@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.geometry import full_covariance
 from videogrammetry.reconstruction import Triangulator
-from videogrammetry.types import FloatArray, Measurement, RigData
+from videogrammetry.types import FloatArray, Measurement, RigData, Trajectories
 
 # Eigenvalues of the correlation matrix below this are rounding.
 _RANK_TOLERANCE = 1e-12
@@ -62,6 +64,23 @@ class CalibrationPart:
                 @ self._factor
             )
         return effects
+
+    def effects_at(
+        self,
+        table: Trajectories,
+        rows: npt.NDArray[Any],
+        columns: npt.NDArray[Any],
+        sigma_px: FloatArray | None = None,
+    ) -> FloatArray:
+        """(n, P, 3, R) mm of the stages ``rows`` and points ``columns`` of trajectories.
+
+        ``sigma_px`` (S, P, C) as :func:`sighting_sigma_px` gives it.
+        """
+        chosen = np.ix_(rows, columns)
+        used = table.cameras_used[chosen].reshape(-1, len(table.camera_names))
+        weights = None if sigma_px is None else sigma_px[chosen].reshape(used.shape)
+        effects = self.effects(table.position_mm[chosen].reshape(-1, 3), used, weights)
+        return effects.reshape(len(rows), len(columns), 3, effects.shape[2])
 
 
 def covariance_factor(cov: FloatArray) -> FloatArray:

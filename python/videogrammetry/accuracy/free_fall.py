@@ -211,7 +211,7 @@ def check_free_fall(
         raise ValueError(f"free fall: no point was measured in 3 stages of {first} to {last}")
     kept = columns[enough]
     position = position[:, enough]
-    effects = _effects(trajectories, rows, kept, part, sigma_px)
+    effects = part.effects_at(trajectories, rows, kept, sigma_px)
     weight = _weights(trajectories, rows, kept)
     time = trajectories.time_s[rows]
     drag = options.drag_per_m / 1000.0
@@ -259,24 +259,6 @@ def _check(table: Trajectories, rows: npt.NDArray[np.intp], first: int, last: in
             "free fall: the measurement has no times; give [sequence] frame_rate_hz and measure "
             "again"
         )
-
-
-def _effects(
-    table: Trajectories,
-    rows: npt.NDArray[np.intp],
-    columns: IntArray,
-    part: CalibrationPart,
-    sigma_px: FloatArray | None,
-) -> FloatArray:
-    """(n, P, 3, R) of the chosen stages and points."""
-    chosen = np.ix_(rows, columns)
-    used = table.cameras_used[chosen]
-    flat = part.effects(
-        table.position_mm[chosen].reshape(-1, 3),
-        used.reshape(-1, used.shape[2]),
-        None if sigma_px is None else sigma_px[chosen].reshape(-1, used.shape[2]),
-    )
-    return flat.reshape(*used.shape[:2], 3, -1) if flat.size else np.zeros((*used.shape[:2], 3, 0))
 
 
 def _weights(table: Trajectories, rows: npt.NDArray[np.intp], columns: IntArray) -> FloatArray:

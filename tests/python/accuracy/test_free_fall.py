@@ -170,10 +170,10 @@ def test_drag_against_the_closed_solution():
     fall = drag_path(time, np.zeros(3), np.array([0, -g, 0]), k)
     down = time >= 0
     exact = -np.log(np.cosh(time * np.sqrt(g * k))) / k + g * time**2 / 2
-    np.testing.assert_allclose(fall[down, 1], exact[down], atol=1e-4)
+    np.testing.assert_allclose(fall[down, 1], exact[down], atol=1e-5)
     # Before the turning point it rises, held back as well: s = -ln(cos(t sqrt(g k))) / k.
     rise = np.log(np.cos(time[~down] * np.sqrt(g * k))) / k + g * time[~down] ** 2 / 2
-    np.testing.assert_allclose(fall[~down, 1], rise, atol=1e-4)
+    np.testing.assert_allclose(fall[~down, 1], rise, atol=1e-5)
 
 
 def test_what_cannot_be_done_is_said():

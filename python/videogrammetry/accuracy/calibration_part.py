@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.geometry import full_covariance
 from videogrammetry.reconstruction import Triangulator
-from videogrammetry.types import FloatArray, Measurement, RigData
+from videogrammetry.types import FloatArray, Measurement, RigData, Trajectories
 
 # Eigenvalues of the correlation matrix below this are rounding.
 _RANK_TOLERANCE = 1e-12
+# Points at a time: their derivatives by all parameters of 64 cameras take 100 MB.
+_CHUNK = 4096
 
 
 class CalibrationPart:
@@ -51,9 +55,32 @@ class CalibrationPart:
         """
         if not self.known:
             return np.zeros((len(position_mm), 3, 0))
-        by_parameters = self._triangulator.derivatives(position_mm, cameras_used, sigma_px)
-        effects: FloatArray = by_parameters @ self._factor
+        effects = np.empty((len(position_mm), 3, self._factor.shape[1]))
+        for begin in range(0, len(position_mm), _CHUNK):
+            some = slice(begin, begin + _CHUNK)
+            weights = None if sigma_px is None else sigma_px[some]
+            effects[some] = (
+                self._triangulator.derivatives(position_mm[some], cameras_used[some], weights)
+                @ self._factor
+            )
         return effects
+
+    def effects_at(
+        self,
+        table: Trajectories,
+        rows: npt.NDArray[Any],
+        columns: npt.NDArray[Any],
+        sigma_px: FloatArray | None = None,
+    ) -> FloatArray:
+        """(n, P, 3, R) mm of the stages ``rows`` and points ``columns`` of trajectories.
+
+        ``sigma_px`` (S, P, C) as :func:`sighting_sigma_px` gives it.
+        """
+        chosen = np.ix_(rows, columns)
+        used = table.cameras_used[chosen].reshape(-1, len(table.camera_names))
+        weights = None if sigma_px is None else sigma_px[chosen].reshape(used.shape)
+        effects = self.effects(table.position_mm[chosen].reshape(-1, 3), used, weights)
+        return effects.reshape(len(rows), len(columns), 3, effects.shape[2])
 
 
 def covariance_factor(cov: FloatArray) -> FloatArray:
@@ -70,7 +97,9 @@ def covariance_factor(cov: FloatArray) -> FloatArray:
     scale = np.where(sigma > 0, sigma, 1.0)
     values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))
     keep = values > _RANK_TOLERANCE * max(float(values.max(initial=0.0)), 1.0)
-    factor: FloatArray = scale[:, None] * vectors[:, keep] * np.sqrt(values[keep])
+    # sigma, not scale: rounding in the rows of held parameters would be multiplied by
+    # derivatives of 1e20 (A3).
+    factor: FloatArray = sigma[:, None] * vectors[:, keep] * np.sqrt(values[keep])
     return factor
 
 

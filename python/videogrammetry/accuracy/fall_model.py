@@ -41,7 +41,8 @@ class FallSolution:
     ``cov_image`` (a posteriori) and ``cov_rig`` are (M, M) of the acceleration
     and, where it is estimated, the drag (1/mm); ``time_s`` is the middle, to which
     ``start_mm`` and ``velocity_mm_s`` (P, 3) refer; ``relative_mm`` (n, P, 3) is the
-    fitted motion of each point beside the mean of all.
+    fitted motion of each point beside the mean of all, ``residual_mm`` (n, P, 3)
+    measured - fitted, 0 where missing.
     """
 
     acceleration_mm_s2: FloatArray
@@ -59,6 +60,7 @@ class FallSolution:
     velocity_mm_s: FloatArray
     spin_rad_s: FloatArray
     relative_mm: FloatArray
+    residual_mm: FloatArray
 
 
 def drag_path(
@@ -337,4 +339,5 @@ def _solution(
         velocity_mm_s=state.velocity,
         spin_rad_s=turn,
         relative_mm=relative,
+        residual_mm=residual,
     )

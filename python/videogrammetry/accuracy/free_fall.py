@@ -6,6 +6,7 @@ calibration shows as the same relative error of the measured acceleration.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,10 @@ from videogrammetry.types import FloatArray, IntArray, Trajectories, matrix_from
 STANDARD_GRAVITY_M_S2 = 9.80665
 
 _DETERMINED = 3.0  # standard deviations from which on an estimated drag is kept
+# A normal position is farther off than this once in 10^9 (chi-square, three coordinates).
+_WRONG_CHI2 = 45.0
+_MEDIAN_CHI2 = 2.366
+_MAX_REJECTIONS = 20  # rounds
 _MIN_STAGES = 4  # a parabola has three unknowns, the fourth checks it
 
 
@@ -101,6 +106,8 @@ class FallFit:
     residual_rms_mm : per coordinate.
     point_id, point_stages : points used and in how many stages.
     dropped : points with fewer than three stages.
+    rejected : (M, 2) stage and number of positions that no noise explains and
+        that were left out: beyond chi-square 45 in units of the median's.
     time_s : of the stage to which ``velocity_mm_s`` (P, 3), the points' own, refers.
     spin_rad_s : (3,) rotation taken out, about the mean of the points; zeros: none.
     spin_percent_per_mm : |w|^2 / g: what g is off, in per cent, for every mm that
@@ -130,6 +137,7 @@ class FallFit:
     point_id: IntArray
     point_stages: IntArray
     dropped: IntArray
+    rejected: IntArray
     time_s: float
     velocity_mm_s: FloatArray
     spin_rad_s: FloatArray
@@ -211,20 +219,28 @@ def check_free_fall(
         raise ValueError(f"free fall: no point was measured in 3 stages of {first} to {last}")
     kept = columns[enough]
     position = position[:, enough]
-    effects = _effects(trajectories, rows, kept, part, sigma_px)
+    effects = part.effects_at(trajectories, rows, kept, sigma_px)
     weight = _weights(trajectories, rows, kept)
     time = trajectories.time_s[rows]
     drag = options.drag_per_m / 1000.0
     model = FallModel(time_s=time, drag_per_mm=drag, estimate_drag=options.estimate_drag)
-    solution = solve_fall(model, position, weight, effects, spin=options.spin)
+    solution, good = _without_wrong(model, position, weight, effects, options.spin)
     estimated = solution if options.estimate_drag else None
     if estimated is not None and not _drag_determined(estimated):
         model = FallModel(time_s=time, drag_per_mm=0.0, estimate_drag=False)
-        solution = solve_fall(model, position, weight, effects, spin=options.spin)
+        solution, good = _without_wrong(model, position, weight, effects, options.spin)
     fit = _fit(solution, estimated, trajectories.point_id, kept, columns[~enough], options)
+    s, p = np.nonzero(~good)
+    wrong = np.stack([trajectories.stage[rows[s]], trajectories.point_id[kept[p]]], axis=1)
+    fit = dataclasses.replace(fit, rejected=wrong)
     up = fit.up if options.up is None else np.asarray(options.up) / np.linalg.norm(options.up)
     regression = _regression(
-        trajectories, rows, kept, solution.relative_mm, up, options.gravity_m_s2
+        trajectories,
+        rows,
+        kept,
+        np.where(good[..., None], solution.relative_mm, np.nan),
+        up,
+        options.gravity_m_s2,
     )
     return FreeFallTest(
         first=first,
@@ -233,6 +249,29 @@ def check_free_fall(
         regression=regression,
         fit=fit,
     )
+
+
+def _without_wrong(
+    model: FallModel, position: FloatArray, weight: FloatArray, effects: FloatArray, spin: bool
+) -> tuple[FallSolution, npt.NDArray[np.bool_]]:
+    """The solution without wrong positions, and (n, P) which were left in or missing."""
+    good = np.ones(position.shape[:2], dtype=bool)
+    for _ in range(_MAX_REJECTIONS):
+        there = good & np.asarray(np.isfinite(position).all(axis=2))
+        kept = np.where(there[..., None], position, np.nan)
+        kept_weight = np.where(there[..., None, None], weight, 0.0)
+        solution = solve_fall(model, kept, kept_weight, effects, spin=spin)
+        left = solution.residual_mm
+        square = np.einsum("npi,npij,npj->np", left, weight, left)
+        unit = float(np.median(square[there])) / _MEDIAN_CHI2
+        wrong = there & (square > _WRONG_CHI2 * unit)
+        # A wrong position bends its point's own path: the worst of each point goes first.
+        wrong &= square == np.where(there, square, 0.0).max(axis=0)
+        wrong &= there.sum(axis=0) - wrong.sum(axis=0) >= 3  # or the point would be lost
+        if not wrong.any():
+            break
+        good &= ~wrong
+    return solution, good
 
 
 def _columns(table: Trajectories, points: Sequence[int] | None) -> IntArray:
@@ -259,24 +298,6 @@ def _check(table: Trajectories, rows: npt.NDArray[np.intp], first: int, last: in
             "free fall: the measurement has no times; give [sequence] frame_rate_hz and measure "
             "again"
         )
-
-
-def _effects(
-    table: Trajectories,
-    rows: npt.NDArray[np.intp],
-    columns: IntArray,
-    part: CalibrationPart,
-    sigma_px: FloatArray | None,
-) -> FloatArray:
-    """(n, P, 3, R) of the chosen stages and points."""
-    chosen = np.ix_(rows, columns)
-    used = table.cameras_used[chosen]
-    flat = part.effects(
-        table.position_mm[chosen].reshape(-1, 3),
-        used.reshape(-1, used.shape[2]),
-        None if sigma_px is None else sigma_px[chosen].reshape(-1, used.shape[2]),
-    )
-    return flat.reshape(*used.shape[:2], 3, -1) if flat.size else np.zeros((*used.shape[:2], 3, 0))
 
 
 def _weights(table: Trajectories, rows: npt.NDArray[np.intp], columns: IntArray) -> FloatArray:
@@ -333,6 +354,7 @@ def _fit(
         point_id=point_id[kept],
         point_stages=solution.point_stages,
         dropped=point_id[dropped],
+        rejected=np.empty((0, 2), dtype=np.int32),
         time_s=solution.time_s,
         velocity_mm_s=solution.velocity_mm_s,
         spin_rad_s=solution.spin_rad_s,

@@ -248,14 +248,7 @@ def _collect(
     start, end = ends[row, 0], ends[row, 1]
     direction = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
     noise = matrix_from_cov6(table.cov_image_mm2[row, a] + table.cov_image_mm2[row, b])
-    effects = [
-        part.effects(
-            table.position_mm[row, c],
-            table.cameras_used[row, c],
-            None if sigma_px is None else sigma_px[row, c],
-        )
-        for c in (a, b)
-    ]
+    effects = part.effects_at(table, row, np.array([a, b]), sigma_px)
     used = table.cameras_used[row][:, [a, b]]
     return _Rows(
         bar=np.full(len(row), index, dtype=np.int32),
@@ -263,7 +256,7 @@ def _collect(
         end_a_mm=start,
         end_b_mm=end,
         sigma_image_mm=np.sqrt(np.einsum("ni,nij,nj->n", direction, noise, direction)),
-        effect_mm=np.einsum("ni,nir->nr", direction, effects[1] - effects[0]),
+        effect_mm=np.einsum("ni,nir->nr", direction, effects[:, 1] - effects[:, 0]),
         speed_mm_s=speed[row],
         cameras=tuple(
             f"{camera_group(table.camera_names, u[0])} | {camera_group(table.camera_names, u[1])}"

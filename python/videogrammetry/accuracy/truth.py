@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.accuracy.calibration_part import CalibrationPart
 from videogrammetry.accuracy.scale_bar import camera_group
 from videogrammetry.accuracy.true_points import (
     TruePoints,
@@ -92,7 +93,9 @@ class CentroidErrors:
     """Centroid against the mean of the same true points, over the stages.
 
     RMS 3-D errors of position (mm) and of central-difference velocity (mm/s),
-    the largest, and the predicted RMS; NaN where nothing is defined.
+    the largest, and the predicted RMS; NaN where nothing is defined. The
+    position's prediction has the correlation of the points by the calibration;
+    ``Motion.centroid_cov_mm2`` is larger: it takes that error as common to all.
     """
 
     position_rms_mm: float
@@ -209,7 +212,9 @@ def compare_with_truth(
             _statistics(name, trajectories, error, error_rig, there & (groups == name))
             for name in sorted(set(groups[there].tolist()))
         ),
-        centroid=None if motion is None else _centroid(trajectories, motion, moved, columns),
+        centroid=None
+        if motion is None
+        else _centroid(trajectories, motion, moved, columns, CalibrationPart(rig), sigma_px),
         visible=visible,
         measured=visible - len(missing),
         missing=missing,
@@ -340,7 +345,12 @@ def _wrong(
 
 
 def _centroid(
-    table: Trajectories, motion: Motion, moved: FloatArray, columns: IntArray
+    table: Trajectories,
+    motion: Motion,
+    moved: FloatArray,
+    columns: IntArray,
+    part: CalibrationPart,
+    sigma_px: FloatArray | None,
 ) -> CentroidErrors | None:
     place = np.searchsorted(table.point_id, motion.centroid_points)
     if not len(place) or (columns[place] < 0).any():
@@ -352,11 +362,28 @@ def _centroid(
     return CentroidErrors(
         position_rms_mm=_rms(e),
         position_largest_mm=_largest(e),
-        position_predicted_mm=_predicted(motion.centroid_cov_mm2),
+        position_predicted_mm=_centroid_sigma(table, place, part, sigma_px),
         velocity_rms_mm_s=_rms(ev),
         velocity_largest_mm_s=_largest(ev),
         velocity_predicted_mm_s=_predicted(motion.centroid_velocity_cov_mm2_s2),
     )
+
+
+def _centroid_sigma(
+    table: Trajectories,
+    place: npt.NDArray[np.intp],
+    part: CalibrationPart,
+    sigma_px: FloatArray | None,
+) -> float:
+    """RMS over the stages of the mean's sigma: noise / n^2, and |mean B|^2."""
+    whole = np.flatnonzero(np.isfinite(table.position_mm[:, place, 0]).all(axis=1))
+    if not len(whole):
+        return float("nan")
+    effects = part.effects_at(table, whole, place, sigma_px)
+    noise = table.cov_image_mm2[np.ix_(whole, place)][..., [0, 3, 5]].sum(axis=(1, 2))
+    noise /= len(place) ** 2
+    of_rig = (effects.mean(axis=1) ** 2).sum(axis=(1, 2))
+    return float(np.sqrt((noise + of_rig).mean()))
 
 
 def _rms(error: FloatArray) -> float:

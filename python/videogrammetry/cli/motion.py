@@ -22,6 +22,8 @@ from videogrammetry.project import provenance, read_measurement, read_project, w
 from videogrammetry.project.provenance import write_with_provenance
 from videogrammetry.types import FloatArray, Measurement, matrix_from_cov6
 
+_MAX_NAMED = 30
+
 
 def add_parser(verbs: SubParsers) -> None:
     """The verb's arguments."""
@@ -104,7 +106,8 @@ def centroid_table(measurement: Measurement) -> str:
     ]
     header = ["stage", "time s", "x mm", "y mm", "z mm", "dx mm", "dy mm", "dz mm"]
     header += ["speed mm/s", "+-"]
-    points = ", ".join(map(str, motion.centroid_points.tolist()))
+    named = motion.centroid_points.tolist()
+    points = ", ".join(map(str, named[:_MAX_NAMED])) + (", ..." if len(named) > _MAX_NAMED else "")
     return text_table(header, rows) + (
         f"centroid of {len(motion.centroid_points)} points ({points or 'none in common'}); "
         f"displacements are against stage {motion.reference_stage}; +- is one standard deviation "

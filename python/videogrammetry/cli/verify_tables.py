@@ -150,6 +150,8 @@ def free_fall_text(test: FreeFallTest) -> str:
         rows.append(
             ["  per cent of g a mm beside the centre of mass", _n(fit.spin_percent_per_mm, 5)]
         )
+    if len(fit.rejected):
+        rows.append(["positions left out as wrong", str(len(fit.rejected))])
     rows.append(["drag, 1/m", _drag_text(test)])
     doubt = (
         f"sigma0 is {fit.sigma0:.1f}: these points do not fall alike within their noise; choose "

@@ -115,6 +115,25 @@ def test_groups_missing_and_centroid():
     assert c.position_rms_mm < 5 * c.position_predicted_mm
 
 
+def test_the_centroids_prediction_knows_the_correlation():
+    """Over draws of the calibration: all points of a pair err alike, the two pairs apart."""
+    draws, square = 60, []
+    for seed in range(draws):
+        scene = falling(seed, stages=5, lost=0.0)
+        c = compared(scene, motion=compute_motion(scene.table)).centroid
+        square.append(
+            np.square(
+                [
+                    c.position_rms_mm / c.position_predicted_mm,
+                    c.velocity_rms_mm_s / c.velocity_predicted_mm_s,
+                ]
+            )  # fmt: skip
+        )
+    mean, sigma = np.mean(square, axis=0), np.std(square, axis=0) / np.sqrt(draws)
+    np.testing.assert_array_less(np.abs(mean - 1), 4 * sigma)
+    np.testing.assert_array_less(sigma, 0.2)
+
+
 def test_what_two_cameras_cannot_see_is_not_missing():
     scene = falling(6, stages=4, lost=0.0)
     truth = truth_of(scene)

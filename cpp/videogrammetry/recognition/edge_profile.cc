@@ -189,6 +189,8 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
   const double glare = std::max(0.0, inside.amplitude - by_chance);
   if (glare > 0) inside = SmoothColumns(p, first, inner, inside.amplitude);
   Harmonic outside = SmoothColumns(p, outer, last, prior(mean[outer]) + glare);
+  levels.uneven_outside =
+      std::max(0.0, outside.amplitude - glare - 3.0 * std::sqrt(outside.noise)) / contrast;
   inside.variance += kGlareCurve * kGlareCurve * glare * glare;
   outside.variance += kGlareCurve * kGlareCurve * glare * glare;
   levels.inside = std::move(inside.values);

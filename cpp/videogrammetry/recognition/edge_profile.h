@@ -43,6 +43,8 @@ struct EdgeLevels {
   /// Variances of the half-way level: of either coefficient of its first
   /// harmonic, and of its mean.
   double gradient_variance = 0.0, mean_variance = 0.0;
+  /// First harmonic of the outer plateau beyond its noise, in units of the contrast.
+  double uneven_outside = 0.0;
   Eigen::ArrayXf mean_fall;  ///< fall of the mean profile from column k - 1 to k + 1, over 2
 };
 

@@ -21,6 +21,10 @@ using Matrix5d = Eigen::Matrix<double, 5, 5>;
 /// Length of contour that holds one independent observation: profiles of white
 /// pixel noise interpolated bilinearly are correlated over this distance.
 constexpr double kCorrelationPx = 1.5;
+/// A dot stands on one ground. Something that covers a part of it, or of its
+/// sticker up to the dot's edge, makes the ground's first harmonic larger than
+/// this, in units of the contrast.
+constexpr double kMostUneven = 0.15;
 constexpr double kBandPx = 2.5;
 constexpr int kMaxIterations = 4;
 
@@ -242,6 +246,7 @@ bool IsDot(const Refinement& r, const Ellipse& e, const ResidualSum& sum, double
   if (WorstRun(r) > 0.08) return false;
   if (r.levels.width_px > 0.45 * e.semi_minor_px + 0.3) return false;
   if (!EdgeEnds(r.profiles, r.levels)) return false;
+  if (r.levels.uneven_outside > kMostUneven) return false;
   // Noise differs from profile to profile, a wrong shape does not: a square's
   // residuals are 0.05 of its radius, a finger's or a lamp's more.
   const double shape_limit = 0.04 + 0.008 * e.semi_minor_px;

@@ -23,7 +23,7 @@ constexpr int kPlateauColumns = 3;
 constexpr float kPlateauFlatness = 0.03f;
 /// From which share of the contrast on a first harmonic is glare, and the part of
 /// it that is curved over the dot and so not described.
-constexpr double kGlare = 3.0 * kPriorGradient, kGlareCurve = 0.5;
+constexpr double kGlare = 3.0 * kPriorGradient, kGlareCurve = 0.7;
 /// How far before a ring of code its edge is felt, in widths of the dot's own edge.
 constexpr double kRingReach = 2.5;
 /// Width of the weight of the mean gradient as a part of the edge's own.
@@ -187,12 +187,16 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
   // More than a gradient of the light can be is added light, inside and outside alike.
   const double by_chance = kGlare * contrast + 3.0 * std::sqrt(inside.noise);
   const double glare = std::max(0.0, inside.amplitude - by_chance);
-  if (glare > 0) inside = SmoothColumns(p, first, inner, inside.amplitude);
+  const double amplitude = inside.amplitude;
+  if (glare > 0) inside = SmoothColumns(p, first, inner, amplitude);
   Harmonic outside = SmoothColumns(p, outer, last, prior(mean[outer]) + glare);
   levels.uneven_outside =
       std::max(0.0, outside.amplitude - glare - 3.0 * std::sqrt(outside.noise)) / contrast;
-  inside.variance += kGlareCurve * kGlareCurve * glare * glare;
-  outside.variance += kGlareCurve * kGlareCurve * glare * glare;
+  if (glare > 0) {
+    const double curved = kGlareCurve * amplitude;
+    inside.variance += curved * curved;
+    outside.variance += curved * curved;
+  }
   levels.inside = std::move(inside.values);
   levels.outside = std::move(outside.values);
   levels.gradient_variance = 0.25 * (inside.variance + outside.variance);

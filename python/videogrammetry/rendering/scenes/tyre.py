@@ -42,6 +42,8 @@ class Tyre:
 
     ``radius_mm`` outer radius, ``width_mm`` between the side walls, ``points_mm``
     radius of the circle on which the targets stand, ``spin_rad_s`` about the axis.
+    The middle's velocity is continuous; that of points near the ground changes
+    suddenly at a touch and a release, as where a real tyre meets the ground.
     """
 
     drop: Drop

@@ -76,7 +76,7 @@ def seen_by(scene, stages):
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("share", [0.1, 0.4])
 def test_the_share_that_is_hidden(share, seed):
-    stages = range(1, 201, 4)
+    stages = range(1, 201, 8)
     clear = tyre_scene(FAMILY)
     scene = occluded(clear, share, seed)
     before, after = seen_by(clear, stages), seen_by(scene, stages)
@@ -84,7 +84,7 @@ def test_the_share_that_is_hidden(share, seed):
     was = before == SEEN
     assert (before == after)[~was].all()
     hidden = np.array([(after == HIDDEN)[k, :, :].any(axis=0) for k in range(len(stages))])
-    # 18 targets at 50 stages, each hidden or not: binomial, four standard deviations; and at
+    # 18 targets at 25 stages, each hidden or not: binomial, four standard deviations; and at
     # most one in ten of the others stands beside a patch that reaches over.
     sigma = math.sqrt(share * (1 - share) / hidden.size)
     found = hidden.mean()
@@ -93,8 +93,8 @@ def test_the_share_that_is_hidden(share, seed):
     same = (hidden[1:] == hidden[:-1]).mean()
     expected = share**2 + (1 - share) ** 2
     assert same == pytest.approx(expected, abs=0.1), f"seed {seed}"
-    other = seen_by(occluded(clear, share, seed + 10), stages)
-    assert (other != after).any()
+    other = seen_by(occluded(clear, share, seed + 10), stages[:4])
+    assert (other != after[:4]).any()
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -66,7 +66,7 @@ def papers_picture(parameters, r0, points):
         dx = x * radial + b1 * (r2 + 2 * x**2) + 2 * b2 * x * y + e1 * x + e2 * y
         dy = y * radial + b2 * (r2 + 2 * y**2) + 2 * b1 * x * y
         measured = ideal - np.column_stack([dx, dy])
-    return measured + [x0, y0]
+    return measured + np.array([x0, y0])
 
 
 # --- rig and laboratory -------------------------------------------------------------

@@ -25,6 +25,8 @@ _WHITE, _BLACK, _LEVEL = 0.8, 0.06, 0.9
 _READ_SHARE = 0.15
 #: How far before its target a patch stands, over the radius of what is printed.
 _ABOVE = 0.4
+#: A patch's radius over that of what is printed; well below a sticker's.
+_PATCH = 0.85
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +121,8 @@ class Conditions:
 def occluded(scene: Scene, share: float, seed: int) -> Scene:
     """The scene with patches before ``share`` of the targets, new ones at every stage.
 
-    A patch stands somewhat before its target and a little aside, and is three
-    quarters as large as what is printed: some targets vanish, others are
+    A patch is a disc, somewhat before its target and a little aside, and nearly
+    as large as what is printed: some targets vanish, others are
     hidden in part. A few that are seen very obliquely look past their patch,
     and a few patches reach over a neighbour, too.
 
@@ -136,9 +138,9 @@ def occluded(scene: Scene, share: float, seed: int) -> Scene:
     marks, n = scene.marks, int(scene.marks.is_target.sum())
     rows = np.flatnonzero(marks.is_target)
     printed = marks.radius_mm[rows] * np.where(marks.id[rows] > 0, marks.ring[1], 1.0)
-    patches: Marks = bodies(marks, [1.0] * n, [0.4] * n, square=True)
+    patches: Marks = bodies(marks, [1.0] * n, [0.4] * n, square=False)
     # Smaller than the sticker, under which a patch lies while it hides nothing.
-    patches = replace(patches, sticker_mm=0.77 * printed, radius_mm=0.3 * printed)
+    patches = replace(patches, sticker_mm=_PATCH * printed, radius_mm=0.3 * printed)
 
     def place(time_s: float) -> Placement:
         own = scene.place(time_s)

@@ -324,6 +324,12 @@ def _render(
     for stage in stages:
         targets = scene.targets(scene.time_s(stage))
         jobs += [(r, targets, _seed(options, c, stage)) for c, r in enumerate(renderers)]
-    frames = render_frames(jobs, num_threads=options.num_threads)
+    try:
+        frames = render_frames(jobs, num_threads=options.num_threads)
+    except ValueError as error:  # the renderer knows no exposure
+        raise ValueError(
+            f"the scene is impossible: stages {stages[0]} to {stages[-1]} cannot be rendered with "
+            f"an exposure of {scene.exposure_s:g} s ({error}): shorten it"
+        ) from error
     count = len(renderers)
     return [frames[i * count : (i + 1) * count] for i in range(len(stages))]

@@ -114,11 +114,14 @@ class Drop:
         return rest + fade * value, fade * rate
 
     def _contact_length(self, speed: float) -> float:
-        """Where the compression returns to 0; bisection after the half period's peak."""
-        low, high = 0.5 * math.pi / self._w, 2 * math.pi / self._wd
-        if self._spring(high * 0.75, speed)[0] > 0:  # it no longer leaves the ground
+        """When the compression returns to 0, by bisection; inf if it never does."""
+        rest = self._g / self._w**2
+        a, b = -rest, (speed - self._zw * rest) / self._wd
+        # The rate is 0 where tan(wd t) is this: at the deepest, and half a turn later.
+        deepest = math.atan2(self._wd * b - self._zw * a, self._wd * a + self._zw * b) / self._wd
+        low, high = deepest, deepest + math.pi / self._wd
+        if self._spring(high, speed)[0] > 0:
             return math.inf
-        high *= 0.75
         for _ in range(200):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self._spring(middle, speed)[0] > 0 else (low, middle)

@@ -57,11 +57,11 @@ def paper_rig() -> RigData:
     --------
     >>> rig = paper_rig()
     >>> for name, camera in rig.cameras.items():
-    ...     print(name, camera.centre_mm.round(-2).tolist())
-    cam1 [0.0, 0.0, 0.0]
-    cam2 [5300.0, 100.0, 1300.0]
-    cam3 [600.0, 0.0, 22900.0]
-    cam4 [-4900.0, -200.0, 21500.0]
+    ...     print(name, camera.centre_mm.round().astype(int).tolist())
+    cam1 [0, 0, 0]
+    cam2 [5334, -67, 1330]
+    cam3 [592, 6, 22887]
+    cam4 [-4915, -38, 21388]
     """
     two = _ours(_R2, _T2)
     three = _ours(_R3, _T3)

@@ -89,8 +89,8 @@ def scale_bar_scene(
         marks=bar[0],
         place=place,
         num_stages=num_stages,
-        # To the next tenth, as a recording states it: the way is not quite finished.
-        frame_rate_hz=math.ceil(10 * (num_stages - 1) / way.duration_s) / 10,
+        # Rounded up, as a recording states it: the last millimetres of the way stay out.
+        frame_rate_hz=math.ceil(1000 * (num_stages - 1) / way.duration_s) / 1000,
         exposure_s=exposure_s,
         facts={
             "length_mm": length_mm,

@@ -42,6 +42,8 @@ class Tyre:
 
     ``radius_mm`` outer radius, ``width_mm`` between the side walls, ``points_mm``
     radius of the circle on which the targets stand, ``spin_rad_s`` about the axis.
+    The middle's velocity is continuous; that of points near the ground changes
+    suddenly at a touch and a release, as where a real tyre meets the ground.
     """
 
     drop: Drop
@@ -202,7 +204,7 @@ def _facts(
     gravity_m_s2: float,
     drag_per_m: float,
 ) -> dict[str, object]:
-    last_free = min(num_stages, int(math.floor(tyre.drop.touch_s * rate)) + 1)
+    last_free = 1 + int(min(num_stages - 1, tyre.drop.touch_s * rate))
     return {
         "up": lab.up.tolist(),
         "ground_mm": (ground - tyre.radius_mm * lab.up).tolist(),

@@ -92,6 +92,15 @@ def _common(parser: argparse.ArgumentParser, *, moving: bool = False, photos: bo
         metavar="N",
         help="specular spots a picture (default: %(default)d)",
     )
+    _objects(add)
+    parser.set_defaults(occluded=0.0, missing=0.0, exposure_us=None, blur_px=None)
+    if not photos:
+        _disturbances(add)
+    if moving:
+        _motion(add)
+
+
+def _objects(add: Callable[..., object]) -> None:
     add("--seed", type=int, default=0, help="of everything random (default: 0)")
     add("--codes", default="schneider-14", metavar="FAMILY", help="default: %(default)s")
     add(
@@ -101,11 +110,6 @@ def _common(parser: argparse.ArgumentParser, *, moving: bool = False, photos: bo
         metavar="MM",
         help="diameter of the dots (default: %(default)g)",
     )
-    parser.set_defaults(occluded=0.0, missing=0.0, exposure_us=None, blur_px=None)
-    if not photos:
-        _disturbances(add)
-    if moving:
-        _motion(add)
 
 
 def _disturbances(add: Callable[..., object]) -> None:

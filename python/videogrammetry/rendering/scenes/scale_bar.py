@@ -65,11 +65,7 @@ def scale_bar_scene(
         raise ValueError(f"speeds: expected numbers over 0 mm/s, got {list(speeds_mm_s)}")
     if num_stages < 2:
         raise ValueError(f"stages: a moving bar needs 2 or more, got {num_stages}")
-    if not 0 < _SHORTEST * dot_mm <= length_mm < np.inf or length_mm <= 2 * _THICKNESS_MM:
-        raise ValueError(
-            f"length: a bar of {length_mm:g} mm is too short for dots of {dot_mm:g} mm; expected "
-            f"{_SHORTEST} dots or more, and more than {2 * _THICKNESS_MM:g} mm"
-        )
+    _check_length(length_mm, dot_mm)
     if not 0 <= tilt_deg < 70:
         raise ValueError(f"tilt: expected 0 ... 70 degrees, got {tilt_deg:g}")
     rig = rig or paper_rig()
@@ -99,6 +95,14 @@ def scale_bar_scene(
             "speeds_mm_s": speeds.tolist(),
         },
     )
+
+
+def _check_length(length_mm: float, dot_mm: float) -> None:
+    if not 0 < _SHORTEST * dot_mm <= length_mm < np.inf or length_mm <= 2 * _THICKNESS_MM:
+        raise ValueError(
+            f"length: a bar of {length_mm:g} mm is too short for dots of {dot_mm:g} mm; expected "
+            f"{_SHORTEST} dots or more, and more than {2 * _THICKNESS_MM:g} mm"
+        )
 
 
 def _bar(

@@ -34,16 +34,38 @@ def add_parser(verbs: SubParsers) -> None:
         help="folder to make (default: demo); must not exist",
     )  # fmt: skip
     add = parser.add_argument
-    add("--full", action="store_true",
-        help="the paper's size: 24 orientations, 200 stages (2 GB) instead of 12 and 40 (0.5 GB)")
-    add("--contrast-noise", type=float, default=75.0, metavar="R",
-        help="grey-value step of a dot over the noise at white (default: 75)")
-    add("--occluded", type=float, default=0.0, metavar="SHARE",
-        help="targets hidden at random in the moving scenes (default: 0)")
-    add("--missing", type=float, default=0.0, metavar="SHARE",
-        help="stages of them at which one camera's picture is empty (default: 0)")
-    add("--blur-px", type=float, metavar="PX",
-        help="motion blur of the fastest target (default: that of 200 microseconds)")
+    add(
+        "--full",
+        action="store_true",
+        help="the paper's size: 24 orientations, 200 stages (2 GB) instead of 12 and 40 (0.5 GB)",
+    )
+    add(
+        "--contrast-noise",
+        type=float,
+        default=75.0,
+        metavar="R",
+        help="grey-value step of a dot over the noise at white (default: 75)",
+    )
+    add(
+        "--occluded",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="targets hidden at random in the moving scenes (default: 0)",
+    )
+    add(
+        "--missing",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="stages of them at which one camera's picture is empty (default: 0)",
+    )
+    add(
+        "--blur-px",
+        type=float,
+        metavar="PX",
+        help="motion blur of the fastest target (default: that of 200 microseconds)",
+    )
     add("--seed", type=int, default=1, help="of everything random (default: 1)")  # fmt: skip
 
 

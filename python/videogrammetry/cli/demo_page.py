@@ -308,4 +308,3 @@ def _remarks(results: DemoResults) -> list[str]:
         "scatters from run to run; over many draws see docs/verification.md.",
         *losses(results),
     ]
-

@@ -44,7 +44,7 @@ from videogrammetry.rendering.scenes import (
     scale_bar_scene,
     tyre_scene,
 )
-from videogrammetry.rendering.simulate import SimulateOptions, Simulated, simulate
+from videogrammetry.rendering.simulate import Simulated, SimulateOptions, simulate
 from videogrammetry.report import calibration_report
 from videogrammetry.types import FloatArray, Measurement, RigData
 

@@ -70,7 +70,8 @@ def covariance_factor(cov: FloatArray) -> FloatArray:
     scale = np.where(sigma > 0, sigma, 1.0)
     values, vectors = np.linalg.eigh(cov / np.outer(scale, scale))
     keep = values > _RANK_TOLERANCE * max(float(values.max(initial=0.0)), 1.0)
-    factor: FloatArray = scale[:, None] * vectors[:, keep] * np.sqrt(values[keep])
+    # A held parameter's row must be zero, not rounding: a point moves by 1e19 mm per unit of A3.
+    factor: FloatArray = sigma[:, None] * vectors[:, keep] * np.sqrt(values[keep])
     return factor
 
 

@@ -83,6 +83,29 @@ Harmonic SmoothColumns(const EdgeProfiles& profiles, int first, int last, double
   return smooth;
 }
 
+/// One side's level, and the amplitude of a harmonic that is more than the light's.
+struct Level {
+  Harmonic smooth;
+  double glare = 0.0;   ///< 0, or the first harmonic, where it is glare
+  double excess = 0.0;  ///< of the harmonic over its noise
+};
+
+/// The level of the columns first ... last. A harmonic beyond what light varies
+/// by, and by more than noise, is added light (glare): it is followed as measured.
+/// @param glare  that of the other side, which lies on this one too.
+Level MeasureLevel(const EdgeProfiles& profiles, int first, int last, double prior, double glare,
+                   double contrast) {
+  Level level;
+  level.smooth = SmoothColumns(profiles, first, last, prior + glare);
+  const double amplitude = level.smooth.amplitude;
+  level.excess = amplitude - 3.0 * std::sqrt(level.smooth.noise);
+  if (level.excess > kGlare * contrast) {
+    level.glare = amplitude;
+    level.smooth = SmoothColumns(profiles, first, last, amplitude);
+  }
+  return level;
+}
+
 }  // namespace
 
 template <typename T>
@@ -186,27 +209,21 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
     ++last;
   }
   const double bright = std::max(std::abs(mean[inner]), std::abs(mean[outer]));
-  const auto prior = [&](float level) {
+  const auto by_light = [&](float level) {
     return contrast * (kPriorFlare + kPriorGradient * std::abs(level) / bright);
   };
-  Harmonic inside = SmoothColumns(p, first, inner, prior(mean[inner]));
-  // More than a gradient of the light can be is added light, inside and outside alike.
-  const double by_chance = kGlare * contrast + 3.0 * std::sqrt(inside.noise);
-  const double glare = std::max(0.0, inside.amplitude - by_chance);
-  const double amplitude = inside.amplitude;
-  if (glare > 0) inside = SmoothColumns(p, first, inner, amplitude);
-  Harmonic outside = SmoothColumns(p, outer, last, prior(mean[outer]) + glare);
-  levels.uneven_outside =
-      std::max(0.0, outside.amplitude - glare - 3.0 * std::sqrt(outside.noise)) / contrast;
-  if (glare > 0) {
-    const double curved = kGlareCurve * amplitude;
-    inside.variance += curved * curved;
-    outside.variance += curved * curved;
-  }
-  levels.inside = std::move(inside.values);
-  levels.outside = std::move(outside.values);
-  levels.gradient_variance = 0.25 * (inside.variance + outside.variance);
-  levels.mean_variance = 0.25 * (inside.mean_variance + outside.mean_variance);
+  const Level inside = MeasureLevel(p, first, inner, by_light(mean[inner]), 0.0, contrast);
+  // A ring too near for the ground to be free of it would pass for a gradient.
+  const bool ring_near = outer > before_ring;
+  const double prior = ring_near ? by_light(mean[outer]) : kPriorGradient * contrast;
+  const Level outside = MeasureLevel(p, outer, last, prior, inside.glare, contrast);
+  levels.uneven_outside = std::max(0.0, outside.excess - inside.glare) / contrast;
+  levels.inside = inside.smooth.values;
+  levels.outside = outside.smooth.values;
+  const double curved = kGlareCurve * std::max(inside.glare, outside.glare);
+  levels.gradient_variance =
+      0.25 * (inside.smooth.variance + outside.smooth.variance + 2.0 * curved * curved);
+  levels.mean_variance = 0.25 * (inside.smooth.mean_variance + outside.smooth.mean_variance);
   return levels;
 }
 

@@ -22,7 +22,7 @@ constexpr double kPriorFlare = 0.002;
 constexpr int kPlateauColumns = 3;
 constexpr float kPlateauFlatness = 0.03f;
 /// From which distance on a fall of 15 % of the steepest ends an edge, not 5 %.
-constexpr float kFarPx = 2.0f;
+constexpr float kFarPx = 2.5f;
 /// From which share of the contrast on a first harmonic is glare, and the part of
 /// it that is curved over the dot and so not described.
 constexpr double kGlare = 3.0 * kPriorGradient, kGlareCurve = 0.7;

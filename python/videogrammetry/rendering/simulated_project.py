@@ -20,6 +20,8 @@ from videogrammetry.rendering.scenes.photos import BAR_SIGMA_MM
 
 # Room about the smallest minor and the largest major axis of the scenes' dots.
 _SMALLEST, _LARGEST = 0.75, 1.5
+#: Recognition takes no smaller dots.
+_LEAST_PX = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +156,7 @@ def _targets_table(scene: Scene, family: CodeFamily) -> list[str]:
     return [
         "[targets]",
         f"codes = {_text(family.name)}",
-        f"diameter_px = [{max(2, int(smallest))}, {int(largest) + 1}]",
+        f"diameter_px = [{max(_LEAST_PX, int(smallest))}, {int(largest) + 1}]",
         f"diameter_mm = {diameter_mm:g}",
         "",
     ]

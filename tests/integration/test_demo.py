@@ -43,6 +43,11 @@ def test_errors_agree_with_their_prediction(results):
     assert abs(fall.regression.slope - 1) < 0.003
 
 
+def test_the_project_s_diameter_reaches_the_measurement(results):
+    for name in (TYRE, BAR, ACROSS):
+        assert results.scenes[name].measurement.provenance["options"]["diameter_mm"] == 40
+
+
 def test_bars_are_measured_within_and_across_the_pairs(results):
     within = results.scenes[BAR].verification.scale_bars
     across = results.scenes[ACROSS].verification.scale_bars

@@ -291,9 +291,7 @@ def losses(results: DemoResults) -> list[str]:
                 f"{name}: {len(check.wrong)} positions beyond 6 sigmas + 0.5 mm, the worst "
                 f"{worst.error_mm:.2f} mm (stage {worst.stage}, point {worst.point_id})"
             )
-        lines += [
-            f"{name}: {text}" for text in scene.measurement.warnings if "diameter" not in text
-        ]
+        lines += [f"{name}: {text}" for text in scene.measurement.warnings]
     return lines
 
 

@@ -88,7 +88,7 @@ def measure_frames(
     results = _measure_stages(rig, sources, stage, stage_options, progress, num_threads)
     numbers = link_stages([r.points for r in results], first_free_id(recognition))
     if not any(len(n) for n in numbers):
-        raise MeasurementError(nothing_measured(results))
+        raise MeasurementError(nothing_measured(results, diameter_mm))
     time_s = (stage - 1) / frame_rate_hz if frame_rate_hz else np.full(len(stage), np.nan)
     trajectories = build_trajectories(
         [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
@@ -107,7 +107,7 @@ def measure_frames(
         image_name=tuple(names),
         frame_rate_hz=frame_rate_hz,
         provenance=provenance({"stages": [first, last], **options, "rig": rig.how}),
-        warnings=tuple(stage_warnings(results, stage, list(rig.cameras))),
+        warnings=tuple(stage_warnings(results, stage, list(rig.cameras), diameter_mm)),
         flag_meanings={"match_status": TARGET_STATUS, "ring_status": RING_STATUS},
     )
 
@@ -173,6 +173,7 @@ def measure_project(
         stages=stages,
         recognition=recognition,
         motion=MotionOptions(reference_stage=reference_stage(project, stages)),
+        diameter_mm=project.targets.diameter_mm,
         progress=progress,
         num_threads=num_threads,
     )

@@ -11,17 +11,19 @@ import numpy.typing as npt
 
 from videogrammetry.errors import MeasurementError
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions, image_covariance, match_stage
+from videogrammetry.pipeline.circle_size import SizeCheck, check_size, size_remark
 from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
 from videogrammetry.types import IntArray, Matches, StagePoints, TargetRecords, Targets
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """One stage: what was seen, matched and reconstructed."""
+    """One stage: what was seen, matched and reconstructed; ``size`` where it was looked at."""
 
     targets: tuple[Targets, ...]
     matches: Matches
     points: StagePoints
+    size: SizeCheck | None = None
 
 
 def measure_stage(
@@ -47,62 +49,12 @@ def measure_stage(
     ]
     centres = [t.centre_px for t in targets]
     points = reconstruct_stage(triangulator, matches, centres, cov)
-    if diameter_mm is not None:
-        fitting = _of_size(triangulator, targets, matches, points, diameter_mm)
-        if fitting is not matches:
-            matches = fitting
-            points = reconstruct_stage(triangulator, matches, centres, cov)
-    return StageResult(tuple(targets), matches, points)
-
-
-#: By how much a circle's measured diameter may differ from the stated one, and how many sigmas.
-_SIZE_TOLERANCE, _SIZE_SIGMAS = 0.15, 4.0
-_ANOTHER_SIZE = TARGET_STATUS.index("another size")
-
-
-def _of_size(
-    triangulator: Triangulator,
-    targets: Sequence[Targets],
-    matches: Matches,
-    points: StagePoints,
-    diameter_mm: float,
-) -> Matches:
-    """The matches without sightings of another size; ``matches`` itself where all fit.
-
-    A circle's longest diameter in the picture is f d / z, whatever its tilt (to
-    second order in the ratio of diameter and distance).
-    """
-    target = matches.target.copy()
-    status = [s.copy() for s in matches.status]
-    row_of = {tuple(row): i for i, row in enumerate(matches.target.tolist())}
-    rows = np.array([row_of[tuple(row)] for row in points.target.tolist()], dtype=int)
-    wrong = False
-    for c, camera in enumerate(triangulator.rig.cameras.values()):
-        seen = np.flatnonzero(points.target[:, c] >= 0)
-        index = points.target[seen, c]
-        depth = points.position_mm[seen] @ camera.rotation[2] + camera.translation_mm[2]
-        expected = 0.5 * camera.interior[0] * diameter_mm / depth
-        sigma = np.sqrt(targets[c].cov[index, 2, 2])
-        off = np.abs(targets[c].semi_axes_px[index, 0] - expected)
-        bad = off > _SIZE_TOLERANCE * expected + _SIZE_SIGMAS * sigma
-        target[rows[seen[bad]], c] = -1
-        status[c][index[bad]] = _ANOTHER_SIZE
-        wrong = wrong or bool(bad.any())
-    if not wrong:
-        return matches
-    # A target that has lost its partner has none.
-    for row in np.flatnonzero((target >= 0).sum(axis=1) == 1):
-        c = int(np.argmax(target[row] >= 0))
-        status[c][target[row, c]] = TARGET_STATUS.index("no partner")
-        target[row, c] = -1
-    keep = (target >= 0).any(axis=1)
-    return Matches(
-        target=target[keep],
-        id=matches.id[keep],
-        chi2=matches.chi2[keep],
-        log_odds=matches.log_odds[keep],
-        status=tuple(status),
-    )
+    if diameter_mm is None:
+        return StageResult(tuple(targets), matches, points)
+    size = check_size(rig, targets, matches, points, diameter_mm)
+    if size.matches is not matches:
+        points = reconstruct_stage(triangulator, size.matches, centres, cov)
+    return StageResult(tuple(targets), size.matches, points, size)
 
 
 def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
@@ -140,10 +92,18 @@ def refuse_senseless(results: Sequence[StageResult]) -> None:
 
 
 def stage_warnings(
-    results: Sequence[StageResult], stage: IntArray, cameras: Sequence[str]
+    results: Sequence[StageResult],
+    stage: IntArray,
+    cameras: Sequence[str],
+    diameter_mm: float | None = None,
 ) -> list[str]:
-    """Stages whose coded targets do not meet, though those of the others do; empty pictures."""
+    """Stages whose coded targets do not meet, though those of the others do; empty pictures;
+    many targets of another size than ``diameter_mm``.
+    """
     warnings = _empty_pictures(results, stage, cameras)
+    remark = _of_size(results, diameter_mm)
+    if remark is not None:
+        warnings.append(remark)
     for number, result in zip(stage.tolist(), results, strict=True):
         met, missed = _coded_ends(result)
         if missed >= _MIN_CODED and missed > met:
@@ -157,12 +117,17 @@ def stage_warnings(
 def _empty_pictures(
     results: Sequence[StageResult], stage: IntArray, cameras: Sequence[str]
 ) -> list[str]:
-    """Cameras that see nothing at single stages and at others do."""
+    """Cameras that see nothing at single stages, or at all."""
     count = np.array([[len(t) for t in r.targets] for r in results])
     warnings = []
     for c, name in enumerate(cameras):
         empty = stage[count[:, c] == 0].tolist()
-        if empty and len(empty) < len(stage):
+        if len(empty) == len(stage):
+            warnings.append(
+                f"camera {name!r}: no target at all at any of the {len(stage)} stages: look at its "
+                "pictures with `videogrammetry recognize --overlay DIR`"
+            )
+        elif empty:
             some = ", ".join(map(str, empty[:10])) + (", ..." if len(empty) > 10 else "")
             warnings.append(
                 f"camera {name!r}: no target at all at {len(empty)} of {len(stage)} stages "
@@ -171,7 +136,12 @@ def _empty_pictures(
     return warnings
 
 
-def nothing_measured(results: Sequence[StageResult]) -> str:
+def _of_size(results: Sequence[StageResult], diameter_mm: float | None) -> str | None:
+    checks = [r.size for r in results if r.size is not None]
+    return size_remark(checks, diameter_mm) if diameter_mm is not None and checks else None
+
+
+def nothing_measured(results: Sequence[StageResult], diameter_mm: float | None = None) -> str:
     """Why a measurement has no point, and what to do."""
     counts = status_counts(results)
     if not counts:
@@ -180,6 +150,9 @@ def nothing_measured(results: Sequence[StageResult]) -> str:
             "with `videogrammetry recognize --overlay DIR`, and check polarity and diameter_px in "
             "[targets]"
         )
+    remark = _of_size(results, diameter_mm)
+    if remark is not None:
+        return f"no point is left: {remark}"
     found = ", ".join(f"{count} {name}" for name, count in counts.items())
     return (
         f"targets were recognised but none could be matched between cameras ({found}): is the rig "

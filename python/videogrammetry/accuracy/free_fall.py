@@ -297,7 +297,10 @@ def _columns(table: Trajectories, points: Sequence[int] | None) -> IntArray:
 def _check(table: Trajectories, rows: npt.NDArray[np.intp], first: int, last: int) -> None:
     measured = f"measured are {table.stage[0]} to {table.stage[-1]}"
     if first < table.stage[0] or last > table.stage[-1]:
-        raise ValueError(f"free fall: stages {first} to {last} were asked for, {measured}")
+        raise ValueError(
+            f"free fall: stages {first} to {last} were asked for, {measured}; "
+            "name stages among these"
+        )
     if len(rows) < _MIN_STAGES:
         raise ValueError(
             f"free fall: stages {first} to {last} hold {len(rows)} measured stages, "

@@ -126,7 +126,7 @@ def test_a_wrong_diameter_is_named_with_the_right_one() -> None:
     said = nothing_measured([result], 60.0)
     assert "diameter_mm = 60" in said
     assert "48 of 48" in said
-    assert "theirs is 40 mm" in said
+    assert "theirs is 40 mm; correct diameter_mm" in said
 
 
 def test_many_of_another_size_are_a_warning_few_are_none() -> None:
@@ -138,6 +138,7 @@ def test_many_of_another_size_are_a_warning_few_are_none() -> None:
         if warned:
             assert "20 of 48" in said[0]
             assert "theirs is 25 mm" in said[0]
+            assert "are dots hidden in part" in said[0]
 
 
 def empty(stages_of_camera) -> list:

@@ -326,7 +326,7 @@ class Motion:
     X(i+1) - X(i) stored at stage i; ``displacement_mm`` is against
     ``reference_stage``; ``velocity_mm_s`` is Eq. (11). Covariances are of the
     image noise: the calibration's error is common to both ends of a
-    difference and cancels to first order.
+    difference and cancels but for what it does to a length of that size.
 
     ``centroid_mm`` is Eq. (12) over ``centroid_points``, the same points at
     every stage; ``centroid_cov_mm2`` contains the calibration, taken as common

@@ -207,7 +207,8 @@ def check_free_fall(
     Raises
     ------
     ValueError
-        Without times, with too few stages, or if a point was never measured.
+        Without times, with too few stages or such as were not measured, if a point
+        was never measured, or if the fall is upwards by ``options.up``.
     """
     options = options or FreeFallOptions()
     rows = np.flatnonzero((trajectories.stage >= first) & (trajectories.stage <= last))
@@ -233,6 +234,12 @@ def check_free_fall(
     s, p = np.nonzero(~good)
     wrong = np.stack([trajectories.stage[rows[s]], trajectories.point_id[kept[p]]], axis=1)
     fit = dataclasses.replace(fit, rejected=wrong)
+    if fit.g_m_s2 <= 0:
+        raise ValueError(
+            f"free fall: the points are accelerated upwards by the given vertical, "
+            f"{np.degrees(fit.tilt_rad):.0f} degrees from that of the fall: give the direction "
+            "that points up, in the rig's frame"
+        )
     up = fit.up if options.up is None else np.asarray(options.up) / np.linalg.norm(options.up)
     regression = _regression(
         trajectories,
@@ -288,10 +295,16 @@ def _columns(table: Trajectories, points: Sequence[int] | None) -> IntArray:
 
 
 def _check(table: Trajectories, rows: npt.NDArray[np.intp], first: int, last: int) -> None:
+    measured = f"measured are {table.stage[0]} to {table.stage[-1]}"
+    if first < table.stage[0] or last > table.stage[-1]:
+        raise ValueError(
+            f"free fall: stages {first} to {last} were asked for, {measured}; "
+            "name stages among these"
+        )
     if len(rows) < _MIN_STAGES:
         raise ValueError(
             f"free fall: stages {first} to {last} hold {len(rows)} measured stages, "
-            f"{_MIN_STAGES} or more are needed; measured are {table.stage[0]} to {table.stage[-1]}"
+            f"{_MIN_STAGES} or more are needed; {measured}"
         )
     if not np.isfinite(table.time_s[rows]).all():
         raise ValueError(

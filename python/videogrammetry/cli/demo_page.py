@@ -139,7 +139,8 @@ def _scale_bar(results: DemoResults) -> ScaleBarPart | None:
         name: np.concatenate([getattr(test, name) for test in tests])
         for name in ("error_mm", "sigma_mm", "sigma_rig_mm", "speed_mm_s")
     }
-    count = sum(len(t) for t in tests[:1])
+    within = results.scenes[BAR].verification.scale_bars
+    count = 0 if within is None else len(within)
     return ScaleBarPart(
         error_mm=joined["error_mm"],
         sigma_mm=joined["sigma_mm"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -129,8 +130,11 @@ def _options(args: argparse.Namespace, section: VerifySection) -> VerifySection:
             raise UsageError(f"--gravity {args.gravity}: expected a positive number of m/s^2")
         given["gravity_m_s2"] = args.gravity
     if args.vertical is not None:
-        if not any(args.vertical):
-            raise UsageError("--vertical 0 0 0: is no direction; give the one that points upwards")
+        if not any(args.vertical) or not all(map(math.isfinite, args.vertical)):
+            raise UsageError(
+                f"--vertical {' '.join(f'{v:g}' for v in args.vertical)}: is no direction; give "
+                "the one that points upwards"
+            )
         given["vertical"] = tuple(args.vertical)
     if args.drag is not None:
         estimate = args.drag == "estimate"

@@ -126,8 +126,9 @@ def _columns(trajectories: Trajectories, points: tuple[int, ...]) -> npt.NDArray
     missing = sorted(set(points) - set(trajectories.point_id.tolist()))
     if missing:
         raise ValueError(
-            f"[motion] centroid_points: {missing} were measured at no stage; "
-            f"measured are {trajectories.point_id.tolist()[:30]}..."
+            f"[motion] centroid_points: {missing} were measured at no stage; measured are "
+            f"{', '.join(map(str, trajectories.point_id[:30].tolist()))}"
+            f"{', ...' if len(trajectories.point_id) > 30 else ''}"
         )
     return np.searchsorted(trajectories.point_id, np.array(sorted(points)))
 
@@ -147,7 +148,8 @@ def compute_motion(trajectories: Trajectories, options: MotionOptions | None = N
     reference = options.reference_stage if options.reference_stage is not None else int(stage[0])
     if reference not in stage:
         raise ValueError(
-            f"[motion] reference_stage {reference}: measured stages are {stage[0]}...{stage[-1]}"
+            f"[motion] reference_stage {reference}: measured are {stage[0]} to {stage[-1]}; name "
+            "one of these"
         )
     row = int(np.flatnonzero(stage == reference)[0])
     position, cov = trajectories.position_mm, trajectories.cov_image_mm2

@@ -96,9 +96,13 @@ def size_remark(checks: Sequence[SizeCheck], diameter_mm: float) -> str | None:
     sizes = np.concatenate([c.measured_mm for c in checks])
     if len(sizes) <= _MANY * checked:
         return None
+    advice = (
+        "correct diameter_mm, or leave it out to take targets of every size"
+        if len(sizes) > checked / 2
+        else "are dots hidden in part, or have the targets several sizes? (then leave it out)"
+    )
     return (
         f"{len(sizes)} of {checked} sightings of matched targets were left out, for they have "
         f"another size than circles of [targets] diameter_mm = {diameter_mm:g}: in the middle "
-        f"(median) theirs is {np.median(sizes):.3g} mm; correct diameter_mm, or leave it out to "
-        "take targets of every size"
+        f"(median) theirs is {np.median(sizes):.3g} mm; {advice}"
     )

@@ -204,7 +204,7 @@ def read_project_rig(project: Project) -> RigData:
     if not project.rig_path.is_file():
         raise ProjectFileError(
             f"{project.rig_path}: the project has no calibrated rig yet: run "
-            f"`videogrammetry calibrate {project.path.name}` first"
+            f"`videogrammetry calibrate {project.path}` first"
         )
     return read_rig(project.rig_path)
 

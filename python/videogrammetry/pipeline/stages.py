@@ -71,18 +71,22 @@ def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
 _MIN_CODED = 8
 
 
-def _coded_ends(result: StageResult) -> tuple[int, int]:
-    """How many coded targets met the rays of their ID in another camera, and how many did not."""
+def _coded_ends(result: StageResult) -> IntArray:
+    """(C, 2): how many coded targets of each camera met the rays of their ID in another
+    camera, and how many did not.
+    """
     matched = TARGET_STATUS.index("matched")
     inconsistent = TARGET_STATUS.index("inconsistent ID")
-    status = np.concatenate(result.matches.status)
-    coded = np.concatenate([t.unique_id >= 0 for t in result.targets])
-    return int((coded & (status == matched)).sum()), int((status == inconsistent).sum())
+    ends = [
+        [((t.unique_id >= 0) & (status == matched)).sum(), (status == inconsistent).sum()]
+        for t, status in zip(result.targets, result.matches.status, strict=True)
+    ]
+    return np.array(ends, dtype=np.int32)
 
 
 def refuse_senseless(results: Sequence[StageResult]) -> None:
     """MeasurementError if the rays of equal IDs do not meet: rig and pictures do not fit."""
-    met, missed = np.array([_coded_ends(r) for r in results]).sum(axis=0).tolist()
+    met, missed = np.sum([_coded_ends(r) for r in results], axis=(0, 1)).tolist()
     if missed >= _MIN_CODED and missed > met:
         raise MeasurementError(
             f"of {met + missed} coded targets seen by several cameras, the rays of {missed} do not "
@@ -97,21 +101,39 @@ def stage_warnings(
     cameras: Sequence[str],
     diameter_mm: float | None = None,
 ) -> list[str]:
-    """Stages whose coded targets do not meet, though those of the others do; empty pictures;
-    many targets of another size than ``diameter_mm``.
+    """Stages, cameras whose coded targets do not meet, though those of the others do; empty
+    pictures; many targets of another size than ``diameter_mm``.
     """
-    warnings = _empty_pictures(results, stage, cameras)
+    warnings = _empty_pictures(results, stage, cameras) + _strangers(results, cameras)
     remark = _of_size(results, diameter_mm)
     if remark is not None:
         warnings.append(remark)
     for number, result in zip(stage.tolist(), results, strict=True):
-        met, missed = _coded_ends(result)
+        met, missed = _coded_ends(result).sum(axis=0).tolist()
         if missed >= _MIN_CODED and missed > met:
             warnings.append(
                 f"stage {number}: the rays of {missed} coded targets do not meet those of the same "
                 f"ID, {met} do: is a frame of a camera missing or late here?"
             )
     return warnings
+
+
+def _strangers(results: Sequence[StageResult], cameras: Sequence[str]) -> list[str]:
+    """Cameras most of whose coded targets do not meet the others', though the rest do."""
+    ends = np.sum([_coded_ends(r) for r in results], axis=0)
+    strange = [
+        (name, met, missed)
+        for name, (met, missed) in zip(cameras, ends.tolist(), strict=True)
+        if missed >= _MIN_CODED and missed > met
+    ]
+    if not strange:
+        return []
+    said = ", ".join(f"{name!r} ({missed} of {met + missed})" for name, met, missed in strange)
+    return [
+        f"the rays of most coded targets of the cameras {said} do not meet those of the same ID in "
+        "other cameras: do these cameras stand in another order than in the rig, were they moved, "
+        "or are they not synchronous?"
+    ]
 
 
 def _empty_pictures(

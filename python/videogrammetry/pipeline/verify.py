@@ -51,6 +51,8 @@ NOTHING_TO_VERIFY = (
     "in the project's [verify]"
 )
 
+_TRUTH_FILES = ("rig.json", "trajectories.csv")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Verification:
@@ -216,6 +218,12 @@ def _check_truth(
     if options.truth is None:
         return None, None
     table = measurement.trajectories
+    for name in _TRUTH_FILES:
+        if not (options.truth / name).is_file():
+            raise ProjectFileError(
+                f"{options.truth / name}: there is no such file; give the folder `truth` that "
+                "simulate has written beside the project"
+            )
     truth_rig = read_rig(options.truth / "rig.json")
     missing = [name for name in table.camera_names if name not in truth_rig.cameras]
     if missing:
@@ -290,7 +298,7 @@ def _inputs(project: Project, options: VerifySection) -> list[Path]:
     if options.scale_bars is not None:
         files.append(options.scale_bars)
     if options.truth is not None:
-        files += [options.truth / "rig.json", options.truth / "trajectories.csv"]
+        files += [options.truth / name for name in _TRUTH_FILES]
     return [path for path in files if path.is_file()]
 
 

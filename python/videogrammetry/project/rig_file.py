@@ -168,7 +168,9 @@ class _Reader:
     def document(self) -> dict[str, Any]:
         """The JSON object, its schema checked."""
         if not self._file.is_file():
-            raise self.error("there is no such rig file", "run calibrate first")
+            raise self.error(
+                "there is no such rig file", "correct its name, or run calibrate first"
+            )
         try:
             document = json.loads(self._file.read_text(encoding="utf-8-sig"))
         except (json.JSONDecodeError, UnicodeDecodeError) as error:

@@ -104,8 +104,8 @@ class TomlTable:
         if value is default:
             return value
         if not (math.isfinite(value) and value > above):
-            bound = "finite" if above == -math.inf else f"greater than {above:g}"
-            raise self.error(key, f"= {value} is out of range: expected a {bound} number")
+            bound = "a finite number" if above == -math.inf else f"a number greater than {above:g}"
+            raise self.error(key, f"= {value} is out of range: expected {bound}")
         return float(value)
 
     def numbers(self, key: str, count: int, default: Any = _NEEDED, *, what: str) -> Any:

@@ -113,6 +113,11 @@ def test_the_vertical_may_be_given():
     assert tilted.fit.g_m_s2 == pytest.approx(9.80665 * np.cos(0.1), abs=0.01)
 
 
+def test_a_vertical_that_points_down_is_refused():
+    with pytest.raises(ValueError, match="give the direction that points up"):
+        check(falling(9, stages=20), last=20, options=FreeFallOptions(up=(0.0, 1.0, 0.0)))
+
+
 def test_without_a_covariance_of_the_rig_the_noise_alone_is_predicted():
     scene = falling(8)
     bare = dataclasses.replace(scene.rig, cov=None, cov_names=())

@@ -149,7 +149,7 @@ def test_motion_refuses_before_it_writes(folder: Path, capsys: pytest.CaptureFix
     assert main(["motion", ".", "--reference-stage", "3", "--out", "motion.csv"]) == 1
     assert "--force" in capsys.readouterr().err
     assert main(["motion", ".", "--reference-stage", "99"]) == 1
-    assert "reference_stage 99: measured stages are 1...30" in capsys.readouterr().err
+    assert "reference_stage 99: measured are 1 to 30" in capsys.readouterr().err
     assert main(["motion", ".", "--centroid-points", "1,88"]) == 1
     assert "[88] were measured at no stage" in capsys.readouterr().err
     assert main(["motion", ".", "--out", "motion.txt"]) == 2

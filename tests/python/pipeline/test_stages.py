@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from two_pairs import NAMES, two_pair_rig
 
+from videogrammetry.errors import MeasurementError
 from videogrammetry.geometry import project
 from videogrammetry.matching import TARGET_STATUS
-from videogrammetry.pipeline.stages import measure_stage, nothing_measured, stage_warnings
+from videogrammetry.pipeline.stages import (
+    measure_stage,
+    nothing_measured,
+    refuse_senseless,
+    stage_warnings,
+)
 from videogrammetry.reconstruction import Triangulator
 from videogrammetry.types import Targets
 
@@ -120,7 +126,7 @@ def test_a_wrong_diameter_is_named_with_the_right_one() -> None:
     said = nothing_measured([result], 60.0)
     assert "diameter_mm = 60" in said
     assert "48 of 48" in said
-    assert "theirs is 40 mm" in said
+    assert "theirs is 40 mm; correct diameter_mm" in said
 
 
 def test_many_of_another_size_are_a_warning_few_are_none() -> None:
@@ -132,6 +138,7 @@ def test_many_of_another_size_are_a_warning_few_are_none() -> None:
         if warned:
             assert "20 of 48" in said[0]
             assert "theirs is 25 mm" in said[0]
+            assert "are dots hidden in part" in said[0]
 
 
 def empty(stages_of_camera) -> list:
@@ -161,3 +168,35 @@ def test_a_camera_that_never_sees_anything_is_named() -> None:
 
 def test_full_pictures_are_no_warning() -> None:
     assert stage_warnings(empty({}), np.array([1, 2, 3]), NAMES) == []
+
+
+def swapped(pairs):
+    """One stage, the pictures of two cameras exchanged."""
+    order = [0, 1, 2, 3]
+    for a, b in pairs:
+        order[a], order[b] = order[b], order[a]
+    # Two pairs that share no target, as on opposite sides.
+    side = [slice(0, 12), slice(12, 24)]
+    targets = [sighted_of(camera, side[camera // 2]) for camera in order]
+    return measure_stage(Triangulator(RIG), targets)
+
+
+def sighted_of(camera: int, points) -> Targets:
+    position = np.random.default_rng(6).uniform(-800, 800, (24, 3))[points]
+    c = RIG.cameras[NAMES[camera]]
+    in_cam = position @ c.rotation.T + c.translation_mm
+    codes = np.arange(1, 25, dtype=np.int32)[points]
+    return dataclasses.replace(sighted(camera, DIAMETER_MM), centre_px=project(c, in_cam), id=codes)
+
+
+def test_a_swapped_pair_is_named_though_the_other_is_right() -> None:
+    assert stage_warnings([swapped([])] * 3, np.array([1, 2, 3]), NAMES) == []
+    said = stage_warnings([swapped([(0, 1)])] * 3, np.array([1, 2, 3]), NAMES)
+    assert len(said) == 1
+    assert "'cam1' (36 of 36), 'cam2' (36 of 36)" in said[0]
+    assert "another order" in said[0]
+
+
+def test_cameras_all_swapped_are_refused() -> None:
+    with pytest.raises(MeasurementError, match="of 48 coded targets"):
+        refuse_senseless([swapped([(0, 1), (2, 3)])])

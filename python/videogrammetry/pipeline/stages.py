@@ -12,6 +12,7 @@ import numpy.typing as npt
 from videogrammetry.errors import MeasurementError
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions, image_covariance, match_stage
 from videogrammetry.pipeline.circle_size import SizeCheck, check_size, size_remark
+from videogrammetry.pipeline.facing import check_facing
 from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
 from videogrammetry.types import IntArray, Matches, StagePoints, TargetRecords, Targets
 
@@ -42,7 +43,7 @@ def measure_stage(
     rig = triangulator.rig
     field = field or CalibrationField(triangulator)
     uncertain = [field.covariance(i, t.centre_px) for i, t in enumerate(targets)]
-    matches = match_stage(rig, targets, options, uncertain)
+    matches = check_facing(rig, targets, match_stage(rig, targets, options, uncertain))
     cov = [
         image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
         for name, t in zip(rig.cameras, targets, strict=True)

@@ -29,14 +29,14 @@ POSITION = RNG.uniform(-800, 800, (12, 3))
 
 
 def sighted(camera: int, diameter_mm, points=ALL) -> Targets:
-    """The targets of one camera: circles parallel to its picture."""
+    """The targets of one camera: circles nearly edge-on, so that both sides' cameras may see them."""
     c = RIG.cameras[NAMES[camera]]
     in_cam = POSITION[points] @ c.rotation.T + c.translation_mm
     n = len(in_cam)
     semi = 0.5 * c.interior[0] * np.broadcast_to(diameter_mm, 12)[points] / in_cam[:, 2]
     return Targets(
         centre_px=project(c, in_cam),
-        semi_axes_px=np.column_stack([semi, 0.8 * semi]),
+        semi_axes_px=np.column_stack([semi, 0.2 * semi]),
         angle_rad=np.zeros(n),
         id=CODES[points],
         cov=np.tile(np.eye(5) * SIGMA_PX**2, (n, 1, 1)),

@@ -1,0 +1,86 @@
+"""Coded targets are flat: cameras that look at opposite sides do not see the same one."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from videogrammetry.geometry import rays_through_pixels
+from videogrammetry.matching import TARGET_STATUS
+from videogrammetry.types import FloatArray, Matches, RigData, Targets
+
+#: By how much two rays may part beyond what the ellipses' axes allow: a ratio of
+#: axes that noise takes from 1 to 0.97 looks like a tilt of 14 degrees.
+_TOLERANCE_RAD = np.radians(30.0)
+_NO_PARTNER = TARGET_STATUS.index("no partner")
+
+
+def check_facing(rig: RigData, targets: Sequence[Targets], matches: Matches) -> Matches:
+    """The matches without sightings of a coded target that its tilt rules out.
+
+    A ray meets a circle's plane at the angle t off its normal, cos t = b / a of
+    the ellipse (to second order in the size of the picture's part). Two rays to
+    one face part by t1 + t2 at most; rays from opposite sides by pi - t1 - t2 at
+    least. Matches without a code are left alone: they may be balls.
+    """
+    rows = np.flatnonzero((matches.id >= 0) & ((matches.target >= 0).sum(axis=1) >= 2))
+    if not len(rows):
+        return matches
+    target = matches.target.copy()
+    numbers = matches.id.copy()
+    status = [s.copy() for s in matches.status]
+    rays = [
+        rays_through_pixels(camera, t.centre_px) @ camera.rotation
+        for camera, t in zip(rig.cameras.values(), targets, strict=True)
+    ]
+    rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
+    tilt = [np.arccos(np.clip(t.semi_axes_px[:, 1] / t.semi_axes_px[:, 0], 0, 1)) for t in targets]
+    changed = False
+    for row in rows:
+        cameras = np.flatnonzero(target[row] >= 0)
+        index = target[row, cameras]
+        kept = _one_face(
+            np.array([rays[c][i] for c, i in zip(cameras, index, strict=True)]),
+            np.array([tilt[c][i] for c, i in zip(cameras, index, strict=True)]),
+        )
+        if kept.all():
+            continue
+        changed = True
+        for c, i in zip(cameras[~kept].tolist(), index[~kept].tolist(), strict=True):
+            target[row, c] = -1
+            status[c][i] = _NO_PARTNER
+        left = zip(cameras[kept].tolist(), index[kept].tolist(), strict=True)
+        if not any(targets[c].unique_id[i] == numbers[row] for c, i in left):
+            numbers[row] = -1  # the code was read on the face that is gone
+    if not changed:
+        return matches
+    keep = (target >= 0).any(axis=1)
+    return dataclasses.replace(
+        matches,
+        target=target[keep],
+        id=numbers[keep],
+        chi2=matches.chi2[keep],
+        log_odds=matches.log_odds[keep],
+        status=tuple(status),
+    )
+
+
+def _one_face(rays: FloatArray, tilt_rad: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which sightings stay: the worst goes until all pairs can see one face; fewer than two: none.
+
+    Examples
+    --------
+    >>> rays = np.array([[0.0, 0, 1], [0.3, 0, 0.95], [0, 0, -1]])
+    >>> _one_face(rays, np.array([0.2, 0.3, 0.1])).tolist()
+    [True, True, False]
+    >>> _one_face(rays[[0, 2]], np.array([0.2, 0.1])).tolist()
+    [False, False]
+    """
+    angle = np.arccos(np.clip(rays @ rays.T, -1, 1))
+    apart = angle > tilt_rad[:, None] + tilt_rad[None] + _TOLERANCE_RAD
+    kept = np.ones(len(rays), dtype=bool)
+    while (apart & kept & kept[:, None]).any():
+        kept[np.argmax((apart & kept).sum(axis=1) * kept)] = False
+    return kept if kept.sum() >= 2 else np.zeros(len(rays), dtype=bool)

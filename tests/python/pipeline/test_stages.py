@@ -29,7 +29,7 @@ POSITION = RNG.uniform(-800, 800, (12, 3))
 
 
 def sighted(camera: int, diameter_mm, points=ALL) -> Targets:
-    """The targets of one camera: circles nearly edge-on, so that both sides' cameras may see them."""
+    """The targets of one camera: circles nearly edge-on, for cameras on both sides."""
     c = RIG.cameras[NAMES[camera]]
     in_cam = POSITION[points] @ c.rotation.T + c.translation_mm
     n = len(in_cam)

@@ -108,3 +108,15 @@ def test_impossible_conditions_are_refused(tmp_path, capsys, option, value):
     assert main(["demo", str(tmp_path / "new"), option, value]) == 2
     assert "expected" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+
+
+def test_a_demo_that_breaks_off_says_what_stays(tmp_path, capsys, monkeypatch):
+    def broken(folder, options, say):
+        folder.mkdir()
+        raise OSError(28, "No space left on device", str(folder / "tyre"))
+
+    monkeypatch.setattr("videogrammetry.cli.demo_run.run_demo", broken)
+    assert main(["demo", str(tmp_path / "demo")]) == 1
+    said = capsys.readouterr().err
+    assert "without index.html" in said
+    assert "No space left on device" in said

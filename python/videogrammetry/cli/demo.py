@@ -95,7 +95,16 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(str(error)) from error
     _refuse_full_disk(folder, 1e6 * (_FULL_MB if args.full else _SMALL_MB))
     start = time.perf_counter()
-    results = run_demo(folder, options, lambda text: print(text, file=sys.stderr))
+    try:
+        results = run_demo(folder, options, lambda text: print(text, file=sys.stderr))
+    except BaseException:
+        if folder.is_dir():
+            print(
+                f"demo: {folder} holds what was done so far, without index.html; remove it before "
+                "the next try",
+                file=sys.stderr,
+            )
+        raise
     print("4. draw the page", file=sys.stderr)
     rows = comparison_rows(results)
     document = {"rows": rows, "seconds": results.seconds, "options": options}

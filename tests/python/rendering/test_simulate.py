@@ -130,7 +130,7 @@ def test_the_projects_name_what_is_there(calibration):
             truth = module._renderer(camera, c, Conditions()).truth(targets)
             sizes.append(2 * truth.semi_axes_px[truth.visible])
     low, high = found.targets.diameter_px
-    assert low <= max(2.0, np.concatenate(sizes).min())
+    assert low <= max(3.0, np.concatenate(sizes).min())
     assert np.concatenate(sizes).max() <= high
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from videogrammetry.types import FloatArray, IntArray, StagePoints, Trajectories
 _MIN_COMMON = 4  # three points fix a rigid motion, the fourth checks it
 _MAX_ROUNDS = 6
 _NO_LINK = 1e9
+_RECENT = 3  # stages over which a point's own motion is taken for even
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +78,12 @@ class _Predictions:
     gate_mm: FloatArray  # NaN: the spacing alone decides
 
 
+def _rows(snapshot: _Snapshot, numbers: Iterable[int]) -> list[int]:
+    """Where the numbers stand in a stage."""
+    row_of = {int(n): i for i, n in enumerate(snapshot.id)}
+    return [row_of[int(n)] for n in numbers]
+
+
 class _Linker:
     def __init__(self, first_free_id: int, options: LinkOptions) -> None:
         self.options = options
@@ -134,7 +141,7 @@ class _Linker:
         for number, stages in self.seen.items():
             if number not in found:
                 by_stage.setdefault(stages[-1], []).append(number)
-        parts = [self._predict_from(self.stages[s], now, np.array(n)) for s, n in by_stage.items()]
+        parts = [self._predict_from(s, now, np.array(n)) for s, n in by_stage.items()]
         if not parts:
             return _Predictions(np.empty(0, np.int32), np.empty((0, 3)), np.empty(0))
         return _Predictions(
@@ -143,13 +150,14 @@ class _Linker:
             np.concatenate([p.gate_mm for p in parts]),
         )
 
-    def _predict_from(self, old: _Snapshot, now: _Snapshot, numbers: IntArray) -> _Predictions:
-        row_of = {int(n): i for i, n in enumerate(old.id)}
-        start = old.position_mm[[row_of[int(n)] for n in numbers]]
+    def _predict_from(self, stage: int, now: _Snapshot, numbers: IntArray) -> _Predictions:
+        old = self.stages[stage]
+        start = old.position_mm[_rows(old, numbers)]
         identified = np.flatnonzero(now.id >= 0)
         _, i, j = np.intersect1d(old.id, now.id[identified], return_indices=True)
         if len(i) < _MIN_COMMON:
-            return _Predictions(numbers, start, np.full(len(numbers), np.nan))
+            ahead = start + (len(self.stages) - stage) * self._steps(stage, numbers)
+            return _Predictions(numbers, ahead, np.full(len(numbers), np.nan))
         j = identified[j]
         before, after = old.position_mm[i], now.position_mm[j]
         noise = float(np.sqrt(np.median(old.sigma_mm[i]) ** 2 + np.median(now.sigma_mm[j]) ** 2))
@@ -159,6 +167,24 @@ class _Linker:
             moved = start @ rotation.T + translation
             return _Predictions(numbers, moved, np.full(len(numbers), gate))
         return self._predict_locally(numbers, start, before, after)
+
+    def _steps(self, stage: int, numbers: IntArray) -> FloatArray:
+        """(N, 3) how far the points moved a stage when last seen twice within a few stages.
+
+        A point seen once moves as those in the middle of the others do.
+        """
+        steps = np.full((len(numbers), 3), np.nan)
+        for k, number in enumerate(numbers.tolist()):
+            before = [s for s in self.seen[number] if stage - _RECENT <= s < stage]
+            if before:
+                old, new = self.stages[before[-1]], self.stages[stage]
+                moved = (
+                    new.position_mm[_rows(new, [number])] - old.position_mm[_rows(old, [number])]
+                )
+                steps[k] = moved[0] / (stage - before[-1])
+        known = np.isfinite(steps[:, 0])
+        steps[~known] = np.median(steps[known], axis=0) if known.any() else 0.0
+        return steps
 
     def _predict_locally(
         self, numbers: IntArray, start: FloatArray, before: FloatArray, after: FloatArray
@@ -216,8 +242,8 @@ def link_stages(
 
     An un-coded point is predicted from the stage that saw it last: by the
     rigid motion of the identified points that both stages share; where the
-    object deforms, by that of the points around it; without any, at its last
-    place. It is linked to the measured point within the prediction's gate,
+    object deforms, by that of the points around it; without any, by its
+    own motion so far. It is linked to the measured point within the prediction's gate,
     never farther than a share of the distance to the next point. A coded point
     whose ring could not be read is followed alike, and an un-coded number whose
     ring is read later becomes that code at all stages.

@@ -91,6 +91,21 @@ def test_without_codes_small_steps_are_followed():
     check_identities(stages, orders, link_stages(stages, 517), code, 517)
 
 
+def test_without_codes_a_fall_is_followed_beyond_the_spacing():
+    # 0.4 of the spacing is 16 mm; the last steps are 60 mm, each 5 mm more than the one before.
+    rng = np.random.default_rng(4)
+    position, _ = panel()
+    code = np.full(len(position), -1)
+    stages, orders = [], []
+    for k in range(13):
+        keep = np.flatnonzero(rng.uniform(size=len(position)) > 0.05)
+        points, order = stage_points(position + np.array([0, 2.5 * k**2, 0]), code, rng, keep=keep)
+        stages.append(points)
+        orders.append(order)
+    numbers = link_stages(stages, 517)
+    check_identities(stages, orders, numbers, code, 517)
+
+
 def test_trajectories_hold_nan_where_a_point_is_missing():
     rng = np.random.default_rng(5)
     position, code = panel()

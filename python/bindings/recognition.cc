@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "bindings.h"
 #include "videogrammetry/recognition/recognize.h"
@@ -80,6 +81,40 @@ py::dict RecognizeArray(const py::array_t<T>& image, const RecognitionOptions& o
   return ToArrays(targets);
 }
 
+FrameView FrameOf(const py::handle& frame) {
+  if (py::isinstance<py::array_t<std::uint8_t>>(frame)) {
+    return ViewOf(py::reinterpret_borrow<py::array_t<std::uint8_t>>(frame));
+  }
+  if (py::isinstance<py::array_t<std::uint16_t>>(frame)) {
+    return ViewOf(py::reinterpret_borrow<py::array_t<std::uint16_t>>(frame));
+  }
+  throw py::value_error("frames: expected arrays of uint8 or uint16");
+}
+
+/// The targets of all frames in one set of arrays; those of frame i stand at
+/// offsets[i] to offsets[i + 1].
+py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int num_threads) {
+  // Holds the arrays while the lock is released and the list may be changed.
+  const py::tuple held(frames);
+  std::vector<FrameView> views;
+  views.reserve(held.size());
+  for (const py::handle frame : held) views.push_back(FrameOf(frame));
+  py::array_t<std::int64_t> offsets(static_cast<py::ssize_t>(views.size()) + 1);
+  std::int64_t* offset = offsets.mutable_data();
+  *offset = 0;
+  std::vector<Target> all;
+  {
+    const py::gil_scoped_release release;
+    for (const auto& targets : recognizer.RecognizeFrames(views, num_threads)) {
+      all.insert(all.end(), targets.begin(), targets.end());
+      *++offset = static_cast<std::int64_t>(all.size());
+    }
+  }
+  py::dict out = ToArrays(all);
+  out["offsets"] = offsets;
+  return out;
+}
+
 RecognitionOptions MakeOptions(const std::string& codes, bool clockwise, bool white_on_black,
                                std::array<double, 2> diameter_px, const std::string& method) {
   RecognitionOptions options;
@@ -140,6 +175,9 @@ void BindRecognition(py::module_& parent) {
   m.def("recognize", &RecognizeArray<std::uint8_t>, "image"_a.noconvert(), "options"_a, "family"_a);
   m.def("recognize", &RecognizeArray<std::uint16_t>, "image"_a.noconvert(), "options"_a,
         "family"_a);
+  py::class_<Recognizer>(m, "Recognizer")
+      .def(py::init<const RecognitionOptions&, const CodeFamily&>(), "options"_a, "family"_a)
+      .def("recognize_frames", &RecognizeList, "frames"_a, "num_threads"_a = 1);
 }
 
 }  // namespace videogrammetry::bindings

@@ -16,7 +16,7 @@ and from arrays, without a file::
     measurement = vg.measure_frames(run.rig, {"left": moving_left, "right": moving_right})
 
 :class:`Rig` projects and triangulates, :func:`recognize` finds the targets of
-one picture.
+one picture, :func:`recognize_sequence` those of many.
 """
 
 from videogrammetry.calibration import CalibrationOptions, CalibrationRun, calibrate
@@ -44,7 +44,12 @@ from videogrammetry.project import (
     write_measurement,
     write_rig,
 )
-from videogrammetry.recognition import RecognitionOptions, recognize
+from videogrammetry.recognition import (
+    RecognitionOptions,
+    TargetSequence,
+    recognize,
+    recognize_sequence,
+)
 from videogrammetry.reconstruction import Rig, triangulate
 from videogrammetry.sequence import open_sequence
 from videogrammetry.types import Measurement, PointSet, Targets, Trajectories
@@ -70,6 +75,7 @@ __all__ = [
     "Rig",
     "SequenceError",
     "TableError",
+    "TargetSequence",
     "Targets",
     "Trajectories",
     "VideogrammetryError",
@@ -86,6 +92,7 @@ __all__ = [
     "read_points",
     "read_project",
     "recognize",
+    "recognize_sequence",
     "triangulate",
     "verify_project",
     "write_measurement",

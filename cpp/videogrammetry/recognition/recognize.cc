@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 
+#include "videogrammetry/core/thread_pool.h"
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
@@ -75,13 +76,10 @@ void ResolveDuplicates(std::vector<Target>* targets) {
   }
 }
 
-}  // namespace
-
+/// Recognize() with options and a family that have been checked.
 template <typename T>
-std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
-                              const CodeFamily& family) {
-  options.Check();
-  family.Check();
+std::vector<Target> RecognizeChecked(const ImageView<T>& image, const RecognitionOptions& options,
+                                     const CodeFamily& family) {
   const SignedImage<T> picture(image, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1);
   const int threshold = GradientThreshold(MeasureGreyStatistics(image));
   std::vector<Target> targets;
@@ -97,6 +95,34 @@ std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOption
     RemoveRingPieces(family, &targets);
     ResolveDuplicates(&targets);
   }
+  return targets;
+}
+
+}  // namespace
+
+template <typename T>
+std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
+                              const CodeFamily& family) {
+  options.Check();
+  family.Check();
+  return RecognizeChecked(image, options, family);
+}
+
+Recognizer::Recognizer(const RecognitionOptions& options, const CodeFamily& family)
+    : options_(options), family_(family) {
+  options_.Check();
+  family_.Check();
+}
+
+std::vector<std::vector<Target>> Recognizer::RecognizeFrames(const std::vector<FrameView>& frames,
+                                                             int num_threads) const {
+  std::vector<std::vector<Target>> targets(frames.size());
+  ParallelFor(static_cast<int>(frames.size()), num_threads, [&](int i) {
+    const auto slot = static_cast<std::size_t>(i);
+    targets[slot] =
+        std::visit([&](const auto& image) { return RecognizeChecked(image, options_, family_); },
+                   frames[slot]);
+  });
   return targets;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <variant>
 #include <vector>
 
 #include "videogrammetry/core/image_view.h"
@@ -30,5 +31,31 @@ struct Target {
 template <typename T>
 std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
                               const CodeFamily& family);
+
+/// A picture of either depth.
+using FrameView = std::variant<ImageView8, ImageView16>;
+
+/// Options and codes for many pictures, checked once: of the largest family that
+/// alone takes longer than a small picture.
+class Recognizer {
+ public:
+  /// @throws std::invalid_argument if the options or the family are not valid.
+  Recognizer(const RecognitionOptions& options, const CodeFamily& family);
+
+  /// Recognises the targets of several pictures, on up to `num_threads` threads.
+  ///
+  /// Equal to Recognize() of each one, whatever the number of threads. Sizes and
+  /// depths of the pictures may differ. Several threads may call it at once.
+  ///
+  /// @param num_threads  0: one a core.
+  /// @return the targets of every picture, in the pictures' order.
+  /// @throws std::invalid_argument if num_threads < 0.
+  std::vector<std::vector<Target>> RecognizeFrames(const std::vector<FrameView>& frames,
+                                                   int num_threads) const;
+
+ private:
+  RecognitionOptions options_;
+  CodeFamily family_;
+};
 
 }  // namespace videogrammetry

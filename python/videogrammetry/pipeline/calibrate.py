@@ -20,10 +20,8 @@ from videogrammetry.errors import CalibrationError, ProjectFileError
 from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
-    map_bounded,
     not_applied_yet,
     open_cameras,
-    read_and_recognize,
     recognition_options,
     silent,
 )
@@ -33,7 +31,7 @@ from videogrammetry.project import (
     read_observations,
     read_points,
 )
-from videogrammetry.recognition import RecognitionOptions
+from videogrammetry.recognition import RecognitionOptions, recognize_sequence
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.types import FrameSource, Observations, PointSet, Targets
 
@@ -126,19 +124,14 @@ def recognize_frames(
 ) -> dict[str, list[FrameTargets]]:
     """The targets of every frame of every camera; the n-th frames belong to stage n."""
     count = check_same_length(sources)
-    jobs = [(name, index) for name in sources for index in range(count)]
+    frames: dict[str, list[FrameTargets]] = {}
 
-    def work(job: tuple[str, int]) -> FrameTargets:
-        name, index = job
-        targets = read_and_recognize(sources[name], index, options)
-        return frame_targets(index + 1, sources[name].name(index), targets)
+    def tell(done: int, _: int) -> None:
+        progress(len(frames) * count + done, len(sources) * count, "recognising")
 
-    frames: dict[str, list[FrameTargets]] = {name: [] for name in sources}
-    for done, (job, frame) in enumerate(
-        zip(jobs, map_bounded(work, jobs, num_threads), strict=True), start=1
-    ):
-        frames[job[0]].append(frame)
-        progress(done, len(jobs), "recognising")
+    for name, source in sources.items():
+        found = recognize_sequence(source, options, num_threads=num_threads, progress=tell)
+        frames[name] = [frame_targets(i + 1, source.name(i), t) for i, t in enumerate(found)]
     return frames
 
 

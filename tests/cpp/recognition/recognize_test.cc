@@ -149,6 +149,55 @@ TEST(RecognizeTest, NoiseAndCheckerboardsGiveNoIds) {
   }
 }
 
+TEST(RecognizerTest, EqualsOneByOneForAnyNumberOfThreads) {
+  // Sizes and depths differ, and frames with nothing stand between.
+  std::vector<Picture<std::uint16_t>> deep;
+  std::vector<std::vector<std::uint8_t>> shallow;
+  for (unsigned seed = 1; seed <= 3; ++seed) {
+    const int width = 200 + 10 * static_cast<int>(seed);
+    deep.push_back(Render(width, 200, ThreeTargets(), 3000, 300, 10, seed));
+    auto& pixels = shallow.emplace_back();
+    for (const auto pixel : deep.back().pixels) {
+      pixels.push_back(static_cast<std::uint8_t>(pixel / 16));
+    }
+  }
+  std::vector<FrameView> frames;
+  for (std::size_t i = 0; i < deep.size(); ++i) {
+    frames.emplace_back(deep[i].view());
+    frames.emplace_back(ImageView8());
+    frames.emplace_back(ImageView8(shallow[i].data(), deep[i].width, deep[i].height));
+  }
+  const Recognizer recognizer({}, Schneider());
+  for (const int threads : {0, 1, 2, 5}) {
+    const auto batch = recognizer.RecognizeFrames(frames, threads);
+    ASSERT_EQ(batch.size(), frames.size());
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      const auto single = std::visit(
+          [](const auto& image) { return Recognize(image, RecognitionOptions{}, Schneider()); },
+          frames[i]);
+      EXPECT_EQ(single.empty(), i % 3 == 1);
+      ASSERT_EQ(batch[i].size(), single.size()) << "frame " << i << ", " << threads << " threads";
+      for (std::size_t k = 0; k < single.size(); ++k) {
+        EXPECT_EQ(batch[i][k].edge.ellipse.x_px, single[k].edge.ellipse.x_px);
+        EXPECT_EQ(batch[i][k].edge.cov, single[k].edge.cov);
+        EXPECT_EQ(batch[i][k].ring.id, single[k].ring.id);
+      }
+    }
+  }
+}
+
+TEST(RecognizerTest, ChecksBeforeThereAreFrames) {
+  const Recognizer recognizer({}, Schneider());
+  EXPECT_TRUE(recognizer.RecognizeFrames({}, 2).empty());
+  EXPECT_THROW(recognizer.RecognizeFrames({}, -1), std::invalid_argument);
+  RecognitionOptions options;
+  options.diameter_px = {20, 10};
+  EXPECT_THROW(Recognizer(options, Schneider()), std::invalid_argument);
+  CodeFamily twice = Schneider();
+  twice.codes.push_back(twice.codes.front());
+  EXPECT_THROW(Recognizer({}, twice), std::invalid_argument);
+}
+
 TEST(RecognizeTest, RefusesWrongOptions) {
   const std::vector<std::uint8_t> pixels(100, 0);
   RecognitionOptions options;

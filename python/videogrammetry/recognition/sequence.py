@@ -1,0 +1,270 @@
+"""A whole sequence of pictures to their targets, in one call."""
+
+from __future__ import annotations
+
+import operator
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import count
+from queue import SimpleQueue
+from typing import Any, Protocol, SupportsIndex, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from videogrammetry._core import recognition as _core
+from videogrammetry.errors import SequenceError
+from videogrammetry.recognition.options import RecognitionOptions
+from videogrammetry.recognition.recognize import _checked_image, _core_options, _named_family
+from videogrammetry.types import Targets
+
+_FIELDS = tuple(Targets.__dataclass_fields__)
+
+#: Frames in memory go to the core in runs of about this many pixels a thread: a
+#: few milliseconds of work, against which Python's share of 0.1 ms is little
+#: and after which an interrupt is heard; of large frames still _LEAST_RUN, so
+#: that threads with an easy frame do not wait long for one with a hard one.
+_RUN_PX = 1 << 20
+_LEAST_RUN = 4
+
+
+class Frames(Protocol):
+    """What is needed of a ``FrameSource`` here; ``name(index)`` is used where there is one."""
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        ...
+
+    def read(self, index: int) -> npt.NDArray[Any]:
+        """The frame, (height, width); called from several threads at once."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetSequence:
+    """The targets of the frames of a sequence.
+
+    ``sequence[i]`` are the targets of the i-th frame that was recognised, as
+    views into the arrays of ``targets``; iteration goes over the frames.
+
+    Attributes
+    ----------
+    targets : of all frames, one after the other.
+    offsets : (S + 1,) those of the i-th frame stand at offsets[i] to offsets[i + 1].
+    frame : (S,) the frames' numbers in the sequence, from 0.
+    """
+
+    targets: Targets
+    offsets: npt.NDArray[np.int64]
+    frame: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def __getitem__(self, index: SupportsIndex) -> Targets:
+        """Targets of the i-th frame recognised; negative numbers count from the end."""
+        i = operator.index(index)
+        i += len(self) if i < 0 else 0
+        if not 0 <= i < len(self):
+            raise IndexError(f"frame {operator.index(index)} of {len(self)} recognised frames")
+        return self.targets.select(slice(int(self.offsets[i]), int(self.offsets[i + 1])))
+
+    def __iter__(self) -> Iterator[Targets]:
+        return (self[i] for i in range(len(self)))
+
+
+def recognize_sequence(
+    frames: Frames | Sequence[npt.NDArray[Any]] | npt.NDArray[Any],
+    options: RecognitionOptions | None = None,
+    *,
+    first: int = 0,
+    last: int | None = None,
+    num_threads: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> TargetSequence:
+    """Find the targets of every frame, by threads: :func:`recognize` of each one.
+
+    The result does not depend on the number of threads. Of a sequence that is
+    read, each thread holds one frame and no frame waits, so that memory does
+    not grow with the sequence. Frames in memory are used where they stand;
+    those that are not rows of native uint8 or uint16 are copied, a run of
+    frames (about a million pixels or four frames a thread) at a time.
+
+    Parameters
+    ----------
+    frames : FrameSource, or (S, height, width) array or sequence of arrays
+        uint8 or uint16 as for :func:`recognize`. Of a source only ``read`` and
+        ``len`` are needed; ``read`` is called from several threads at once.
+    options : RecognitionOptions, optional
+        Checked once, before the first frame is read.
+    first, last : int
+        First and last frame, inclusive, from 0; None: to the end.
+    num_threads : int
+        0: one a core.
+    progress : callable, optional
+        Called with (done, total) as frames are finished, by the thread that
+        called. What it raises ends the work: frames begun are finished, no
+        other is.
+
+    Returns
+    -------
+    TargetSequence
+        In the frames' order.
+
+    Raises
+    ------
+    ValueError
+        An option, an array or the range is not what is expected; of one of
+        several arrays, its number from 1 is named.
+    SequenceError
+        A frame of a source cannot be read or is no picture; its name is in the
+        message. If there are several, the first one is named.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[:60, :80]
+    >>> frames = [np.hypot(x - 40 - shift, y - 30.5) for shift in range(3)]
+    >>> frames = np.uint8(20 + 200 * np.clip(10.5 - np.stack(frames), 0, 1))
+    >>> found = recognize_sequence(frames)
+    >>> found.offsets.tolist(), [targets.centre_px[0, 0].round(1).item() for targets in found]
+    ([0, 1, 2, 3], [40.0, 41.0, 42.0])
+    """
+    options = options or RecognitionOptions()
+    recognizer = _core.Recognizer(_core_options(options), _named_family(options.codes))
+    if num_threads < 0:
+        raise ValueError(f"num_threads: expected >= 0 (0: one a core), got {num_threads}")
+    num_threads = num_threads or os.cpu_count() or 1
+    if isinstance(frames, np.ndarray):
+        _check_stack(frames)
+    numbers = _numbers(len(frames), first, last)
+    tell = progress or (lambda done, total: None)
+    if hasattr(frames, "read"):
+        parts = _of_source(cast(Frames, frames), numbers, recognizer, num_threads, tell)
+    else:
+        parts = _of_arrays(frames, numbers, recognizer, num_threads, tell)
+    # A set of no frames gives the arrays their types where there is nothing else.
+    parts = parts or [recognizer.recognize_frames([])]
+    sizes = [np.diff(part["offsets"]) for part in parts]
+    return TargetSequence(
+        targets=Targets(**{n: np.concatenate([part[n] for part in parts]) for n in _FIELDS}),
+        offsets=np.concatenate([[0], *sizes]).cumsum(dtype=np.int64),
+        frame=np.arange(numbers.start, numbers.stop, dtype=np.int64),
+    )
+
+
+def _check_stack(frames: npt.NDArray[Any]) -> None:
+    if frames.ndim != 3:
+        raise ValueError(
+            f"frames: expected 3 dimensions (frames, height, width), got shape {frames.shape}"
+        )
+    if frames.dtype.kind != "u" or frames.dtype.itemsize > 2:
+        raise ValueError(f"frames: expected uint8 or uint16, got {frames.dtype}")
+
+
+def _numbers(length: int, first: int, last: int | None) -> range:
+    if length == 0 and first == 0 and last is None:
+        return range(0)
+    end = length - 1 if last is None else last
+    if not 0 <= first <= end < length:
+        raise ValueError(
+            f"first, last: expected 0 <= first <= last <= {length - 1}, the last frame; "
+            f"got {first} and {last}"
+        )
+    return range(first, end + 1)
+
+
+def _of_arrays(
+    frames: Any,
+    numbers: range,
+    recognizer: _core.Recognizer,
+    num_threads: int,
+    tell: Callable[[int, int], None],
+) -> list[dict[str, Any]]:
+    """Runs of frames, the threads within the core."""
+    parts = []
+    done = 0
+    while done < len(numbers):
+        size = max(1, np.asarray(frames[numbers[done]]).size)
+        run = numbers[done : done + num_threads * max(_LEAST_RUN, _RUN_PX // size)]
+        parts.append(
+            recognizer.recognize_frames([_checked_array(frames[i], i) for i in run], num_threads)
+        )
+        done += len(run)
+        tell(done, len(numbers))
+    return parts
+
+
+def _checked_array(frame: Any, index: int) -> npt.NDArray[Any]:
+    try:
+        return _checked_image(frame)
+    except ValueError as error:
+        raise ValueError(f"frame {index + 1}: {error}") from error
+
+
+def _of_source(
+    source: Frames,
+    numbers: range,
+    recognizer: _core.Recognizer,
+    num_threads: int,
+    tell: Callable[[int, int], None],
+) -> list[dict[str, Any]]:
+    """Every thread reads the next frame that nobody has, and recognises it.
+
+    Numbers are handed out in order and what is begun is finished, so that of
+    several bad frames the first one is always among those found.
+    """
+    parts: list[Any] = [None] * len(numbers)
+    errors: dict[int, BaseException] = {}
+    ended: SimpleQueue[bool] = SimpleQueue()
+    stop = threading.Event()
+    take = count()
+    lock = threading.Lock()
+
+    def work() -> None:
+        while not stop.is_set():
+            with lock:
+                at = next(take)
+            if at >= len(numbers):
+                return
+            try:
+                parts[at] = _one_frame(source, numbers[at], recognizer)
+            except BaseException as error:
+                errors[at] = error
+                stop.set()
+            ended.put(True)
+
+    threads = min(num_threads, max(1, len(numbers)))
+    try:
+        with ThreadPoolExecutor(threads) as pool:
+            try:
+                for _ in range(threads):
+                    pool.submit(work)
+                for done in range(1, len(numbers) + 1):
+                    ended.get()
+                    if errors:
+                        break
+                    tell(done, len(numbers))
+            finally:
+                stop.set()
+        if errors:
+            raise errors[min(errors)]
+    finally:
+        errors.clear()  # their tracebacks hold frames
+    return parts
+
+
+def _one_frame(source: Frames, index: int, recognizer: _core.Recognizer) -> dict[str, Any]:
+    try:
+        image = _checked_image(source.read(index))
+        return cast(dict[str, Any], recognizer.recognize_frames([image]))
+    except (SequenceError, ValueError, OSError) as error:
+        name = source.name(index) if hasattr(source, "name") else f"frame {index + 1}"
+        if isinstance(error, SequenceError) and name in str(error):
+            raise
+        raise SequenceError(f"{name}: {error}") from error
+    except Exception as error:
+        error.add_note(f"(at frame {index + 1} of the sequence)")
+        raise

@@ -9,6 +9,7 @@
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
+#include "videogrammetry/recognition/model_fit.h"
 
 namespace videogrammetry {
 namespace {
@@ -96,6 +97,11 @@ std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOption
     }
     RemoveRingPieces(family, &targets);
     ResolveDuplicates(&targets);
+  }
+  if (options.estimator == Estimator::kModel) {
+    std::vector<TargetEdge*> edges;
+    for (Target& target : targets) edges.push_back(&target.edge);
+    RefineByModel(picture, edges);
   }
   return targets;
 }

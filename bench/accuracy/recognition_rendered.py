@@ -6,9 +6,9 @@
 RMS of the centres per coordinate; `sigma` is the median predicted standard
 deviation, `chi` the RMS of error over predicted deviation (1: the covariance
 is right); `bound` is Cramer and Rao's for these dots, everything but the centre
-unknown too, and `ratio` the RMS over it; `edge rays` are the figures of mean-gradient rays and an ellipse in
-the literature of these pictures; `us a dot` is the whole recognition's time
-over the dots that were found, the best of three.
+unknown too, and `ratio` the RMS over it; `edge rays` are the figures of
+mean-gradient rays and an ellipse in the literature of these pictures; `us a
+dot` is the whole recognition's time over the dots found, the best of three.
 """
 
 from __future__ import annotations

@@ -28,14 +28,14 @@ constexpr double kGlareCurve = 0.7;
 /// The window: widths of the edge and pixels of plateau beyond on either side.
 constexpr double kEdgeReach = 3.0, kPlateauPx = 1.5;
 /// How far before a ring of code its edge is felt, and the least window outside, in widths.
-constexpr double kRingReach = 2.5, kLeastOutside = 1.5;
+constexpr double kRingReach = 2.5, kLeastOutside = 2.0;
 constexpr int kIterations = 5;
 /// A step this short leaves one of second order in it.
 constexpr double kConvergedPx = 5e-3;
 constexpr double kHuber = 4.0;
 /// Share of the step in the grey values beyond which a pixel is of a plateau.
-constexpr double kPlateau = 0.97;
-constexpr int kLeastPlateauPixels = 12;
+constexpr double kPlateau = 0.95;
+constexpr int kLeastPlateauPixels = 6;
 /// A fit that leaves the start by more than this has found something else.
 constexpr double kMostMovedPx = 0.3, kMostResizedPx = 0.6;
 constexpr double kLeastBlurPx = 0.3, kMostBlurPx = 3.0;
@@ -44,6 +44,22 @@ double Median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
+}
+
+/// Whether a fit is too far from where it began.
+bool HasLeft(const Ellipse& start, const Ellipse& e) {
+  const double moved = std::hypot(e.x_px - start.x_px, e.y_px - start.y_px);
+  const double resized = std::max(std::abs(e.semi_major_px - start.semi_major_px),
+                                  std::abs(e.semi_minor_px - start.semi_minor_px));
+  return moved > kMostMovedPx || resized > kMostResizedPx;
+}
+
+TargetEdge Updated(TargetEdge edge, const ModelFit& fit) {
+  edge.ellipse = fit.ellipse;
+  edge.cov = fit.cov;
+  edge.inside = fit.inside;
+  edge.outside = fit.outside;
+  return edge;
 }
 
 /// The point of the ellipse nearest to p, as u: |u| = 1.
@@ -70,7 +86,7 @@ Eigen::Vector2d NearestOn(const EllipseFrame& frame, const Eigen::Matrix2d& inve
 
 /// Value and derivatives of Eqs. (1) to (3) at one pixel.
 struct Edge {
-  double share = 0.0;     ///< F
+  double share = 0.0;  ///< F
   double by_distance = 0.0, by_blur = 0.0;
 };
 
@@ -83,8 +99,7 @@ Edge EdgeAt(double distance, double curvature, double box_kurtosis, double s) {
   const double cumulant = box_kurtosis / (24.0 * width * width * width * width);
   Edge edge;
   // Eq. (3): minus the fourth cumulant (negative) times He3(z) phi(z).
-  edge.share = 0.5 * std::erfc(-z / std::numbers::sqrt2) +
-               cumulant * z * (z * z - 3.0) * density;
+  edge.share = 0.5 * std::erfc(-z / std::numbers::sqrt2) + cumulant * z * (z * z - 3.0) * density;
   edge.by_distance = density / width;
   edge.by_blur = density * (-z / s - curvature);
   return edge;
@@ -149,7 +164,8 @@ void Fit::SetPriors(const TargetEdge& start) {
   const bool inside_brighter = std::abs(start.inside) >= std::abs(start.outside);
   const int bright = bright_ = inside_brighter ? kInside : kOutside;
   const int dark = inside_brighter ? kOutside : kInside;
-  const double ratio = inside_brighter ? start.outside / start.inside : start.inside / start.outside;
+  const double ratio =
+      inside_brighter ? start.outside / start.inside : start.inside / start.outside;
   const double light = light_ =
       std::hypot((picture_ ? picture_->gradient : kPriorGradient) * contrast, glare);
   const double flare = std::hypot(kPriorFlare * contrast, glare);
@@ -273,9 +289,11 @@ bool Fit::Iterate() {
   return false;
 }
 
-/// Variance of the residuals that are `on`, if there are enough of them.
-std::optional<double> ResidualVariance(const Eigen::VectorXd& residuals, const std::vector<char>& on,
-                                      int parameters) {
+/// Variance of the residuals that are `on`, if there are enough of them, such
+/// that its median over dots is the noise's: that of chi^2 with k degrees of
+/// freedom is k (1 - 2 / (9 k))^3 (Wilson and Hilferty).
+std::optional<double> ResidualVariance(const Eigen::VectorXd& residuals,
+                                       const std::vector<char>& on, int parameters) {
   std::vector<double> squares;
   for (std::size_t k = 0; k < on.size(); ++k) {
     const double r = residuals[static_cast<Eigen::Index>(k)];
@@ -284,19 +302,15 @@ std::optional<double> ResidualVariance(const Eigen::VectorXd& residuals, const s
   if (squares.size() < kLeastPlateauPixels) return std::nullopt;
   double sum = 0;
   for (const double square : squares) sum += square;
-  return sum / static_cast<double>(static_cast<int>(squares.size()) - parameters);
+  const double dof = static_cast<double>(static_cast<int>(squares.size()) - parameters);
+  return sum / (dof * std::pow(1.0 - 2.0 / (9.0 * dof), 3));
 }
 
 std::optional<ModelFit> Fit::Result() const {
   ModelFit fit;
   fit.ellipse = frame_.ToEllipse();
-  const double moved =
-      std::hypot(fit.ellipse.x_px - start_.x_px, fit.ellipse.y_px - start_.y_px);
-  const double resized =
-      std::max(std::abs(fit.ellipse.semi_major_px - start_.semi_major_px),
-               std::abs(fit.ellipse.semi_minor_px - start_.semi_minor_px));
   const double contrast = values_[kInside] - values_[kOutside];
-  if (moved > kMostMovedPx || resized > kMostResizedPx || !(contrast > 0)) return std::nullopt;
+  if (HasLeft(start_, fit.ellipse) || !(contrast > 0)) return std::nullopt;
   fit.inside = values_[kInside];
   fit.outside = values_[kOutside];
   fit.blur_px = values_[kBlur];
@@ -315,8 +329,7 @@ std::optional<ModelFit> Fit::Result() const {
   const Normal inverse = normal_.ldlt().solve(Normal::Identity());
   fit.blur_sigma_px = std::sqrt(factor * inverse(kBlur, kBlur));
   const Matrix5d jacobian = frame_.EllipseJacobian();
-  const Matrix5d cov =
-      factor * jacobian * inverse.topLeftCorner<5, 5>() * jacobian.transpose();
+  const Matrix5d cov = factor * jacobian * inverse.topLeftCorner<5, 5>() * jacobian.transpose();
   fit.cov = 0.5 * (cov + cov.transpose());
   if (curved_ == 0.0) {
     // The prior's part taken out: mean = t * (of the pixels alone), variance likewise.
@@ -327,8 +340,7 @@ std::optional<ModelFit> Fit::Result() const {
     fit.gradient_variance = var / (trust * contrast * contrast);
   }
   // A level wrong by g moves the half-way level by g / 2, its edge by g s / (2 phi(0) C).
-  const double lever =
-      0.5 * curved_ * fit.blur_px * std::sqrt(2.0 * std::numbers::pi) / contrast;
+  const double lever = 0.5 * curved_ * fit.blur_px * std::sqrt(2.0 * std::numbers::pi) / contrast;
   fit.cov(0, 0) += 2.0 * lever * lever;
   fit.cov(1, 1) += 2.0 * lever * lever;
   // A direction is never known worse than not at all.
@@ -379,25 +391,6 @@ GreyNoise PoolNoise(const std::vector<ModelFit>& fits) {
   return noise;
 }
 
-/// See PoolModels; the best of a geometric row of values.
-double PoolGradient(const std::vector<ModelFit>& fits) {
-  constexpr double kRatio = 1.1, kMostSquares = 12.0;
-  double best = kPriorGradient, least = 1e300;
-  for (double t = kLeastGradient; t < 0.1; t *= kRatio) {
-    const double off = std::log(t / kPriorGradient) / kGradientSpread;
-    double cost = off * off;
-    for (const ModelFit& fit : fits) {
-      if (!fit.gradient) continue;
-      const double variance = t * t + fit.gradient_variance;
-      cost += 2.0 * std::log(variance) +
-              std::min(kMostSquares, fit.gradient->squaredNorm() / variance);
-    }
-    if (cost < least) best = t;
-    least = std::min(least, cost);
-  }
-  return best;
-}
-
 }  // namespace
 
 std::optional<PictureModel> PoolModels(const std::vector<ModelFit>& fits) {
@@ -409,7 +402,6 @@ std::optional<PictureModel> PoolModels(const std::vector<ModelFit>& fits) {
   }
   PictureModel picture;
   picture.noise = PoolNoise(fits);
-  picture.gradient = PoolGradient(fits);
   picture.blur_px = Median(blur);
   std::vector<double> off;
   for (const double b : blur) off.push_back(std::abs(b - picture.blur_px));
@@ -422,25 +414,51 @@ std::optional<PictureModel> PoolModels(const std::vector<ModelFit>& fits) {
   return picture;
 }
 
+double PoolGradient(const std::vector<ModelFit>& fits) {
+  constexpr double kRatio = 1.1, kMostSquares = 12.0;
+  double best = kPriorGradient, least = 1e300;
+  for (double t = kLeastGradient; t < 0.1; t *= kRatio) {
+    const double off = std::log(t / kPriorGradient) / kGradientSpread;
+    double cost = off * off;
+    for (const ModelFit& fit : fits) {
+      if (!fit.gradient) continue;
+      const double variance = t * t + fit.gradient_variance;
+      cost +=
+          2.0 * std::log(variance) + std::min(kMostSquares, fit.gradient->squaredNorm() / variance);
+    }
+    if (cost < least) best = t;
+    least = std::min(least, cost);
+  }
+  return best;
+}
+
 template <typename T>
 void RefineByModel(const SignedImage<T>& image, const std::vector<TargetEdge*>& edges) {
-  std::vector<ModelFit> fits;
+  std::vector<TargetEdge> states;
   std::vector<TargetEdge*> fitted;
+  std::vector<ModelFit> fits;
   for (TargetEdge* edge : edges) {
     const auto fit = FitModel(image, *edge, nullptr);
     if (!fit) continue;
-    fits.push_back(*fit);
     fitted.push_back(edge);
+    states.push_back(Updated(*edge, *fit));
+    fits.push_back(*fit);
   }
-  const auto picture = PoolModels(fits);
+  auto picture = PoolModels(fits);
   if (!picture) return;
-  for (std::size_t k = 0; k < fits.size(); ++k) {
-    const auto fit = FitModel(image, *fitted[k], &*picture);
+  // How even the light is shows with the noise known only: weights decide how
+  // much of a gradient is noise.
+  fits.clear();
+  for (TargetEdge& state : states) {
+    const auto fit = FitModel(image, state, &*picture);
     if (!fit) continue;
-    fitted[k]->ellipse = fit->ellipse;
-    fitted[k]->cov = fit->cov;
-    fitted[k]->inside = fit->inside;
-    fitted[k]->outside = fit->outside;
+    state = Updated(state, *fit);
+    fits.push_back(*fit);
+  }
+  picture->gradient = PoolGradient(fits);
+  for (std::size_t k = 0; k < states.size(); ++k) {
+    const auto fit = FitModel(image, states[k], &*picture);
+    if (fit && !HasLeft(fitted[k]->ellipse, fit->ellipse)) *fitted[k] = Updated(*fitted[k], *fit);
   }
 }
 

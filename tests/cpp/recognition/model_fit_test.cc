@@ -199,7 +199,8 @@ double BoundOfX(const Scene& scene, double noise) {
     const auto low = GreyValues(less), high = GreyValues(more);
     for (Eigen::Index i = 0; i < rows.rows(); ++i) {
       const auto k = static_cast<std::size_t>(i);
-      rows(i, j) = (high[k] - low[k]) / (2 * kStep) / std::sqrt(NoiseOf(scene, noise).Variance(grey[k]));
+      rows(i, j) =
+          (high[k] - low[k]) / (2 * kStep) / std::sqrt(NoiseOf(scene, noise).Variance(grey[k]));
       const double far = std::hypot(static_cast<double>(i % kSize) - e.x_px,
                                     static_cast<double>(i / kSize) - e.y_px);
       if (far > e.semi_major_px + reach) rows(i, j) = 0;

@@ -18,11 +18,9 @@ using Parameters = Eigen::Matrix<double, kNumParameters, 1>;
 using Normal = Eigen::Matrix<double, kNumParameters, kNumParameters>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 
-/// Prior standard deviations of a gradient, in units of the contrast: what light
-/// changes over a radius, and what is added to that on the darker side.
-constexpr double kPriorGradient = 0.02, kPriorFlare = 0.004;
-/// The logarithm of the former's ratio to a picture's own, and what that is at least.
-constexpr double kGradientSpread = 1.0, kLeastGradient = 0.003;
+/// Prior standard deviation of a gradient on the darker side beyond its share of
+/// the light's, in units of the contrast.
+constexpr double kPriorFlare = 0.004;
 /// The part of glare that is curved over the dot and so not described.
 constexpr double kGlareCurve = 0.7;
 /// The window: widths of the edge and pixels of plateau beyond on either side.
@@ -44,22 +42,6 @@ double Median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
-}
-
-/// Whether a fit is too far from where it began.
-bool HasLeft(const Ellipse& start, const Ellipse& e) {
-  const double moved = std::hypot(e.x_px - start.x_px, e.y_px - start.y_px);
-  const double resized = std::max(std::abs(e.semi_major_px - start.semi_major_px),
-                                  std::abs(e.semi_minor_px - start.semi_minor_px));
-  return moved > kMostMovedPx || resized > kMostResizedPx;
-}
-
-TargetEdge Updated(TargetEdge edge, const ModelFit& fit) {
-  edge.ellipse = fit.ellipse;
-  edge.cov = fit.cov;
-  edge.inside = fit.inside;
-  edge.outside = fit.outside;
-  return edge;
 }
 
 /// The point of the ellipse nearest to p, as u: |u| = 1.
@@ -167,7 +149,7 @@ void Fit::SetPriors(const TargetEdge& start) {
   const double ratio =
       inside_brighter ? start.outside / start.inside : start.inside / start.outside;
   const double light = light_ =
-      std::hypot((picture_ ? picture_->gradient : kPriorGradient) * contrast, glare);
+      std::hypot((picture_ ? *picture_ : PictureModel{}).gradient * contrast, glare);
   const double flare = std::hypot(kPriorFlare * contrast, glare);
   for (int i = 1; i <= 2; ++i) {
     prior_(bright + i, bright + i) += 1.0 / (light * light);
@@ -355,6 +337,13 @@ std::optional<ModelFit> Fit::Result() const {
 
 }  // namespace
 
+bool HasLeft(const Ellipse& start, const Ellipse& e) {
+  const double moved = std::hypot(e.x_px - start.x_px, e.y_px - start.y_px);
+  const double resized = std::max(std::abs(e.semi_major_px - start.semi_major_px),
+                                  std::abs(e.semi_minor_px - start.semi_minor_px));
+  return moved > kMostMovedPx || resized > kMostResizedPx;
+}
+
 template <typename T>
 std::optional<ModelFit> FitModel(const SignedImage<T>& image, const TargetEdge& start,
                                  const PictureModel* picture) {
@@ -363,110 +352,9 @@ std::optional<ModelFit> FitModel(const SignedImage<T>& image, const TargetEdge& 
   return fit.Result();
 }
 
-namespace {
-
-GreyNoise PoolNoise(const std::vector<ModelFit>& fits) {
-  std::vector<double> bright, bright_grey, dark, dark_grey, all;
-  for (const ModelFit& fit : fits) {
-    all.push_back(fit.variance);
-    if (!fit.inside_variance || !fit.outside_variance) continue;
-    bright.push_back(*fit.inside_variance);
-    bright_grey.push_back(fit.inside);
-    dark.push_back(*fit.outside_variance);
-    dark_grey.push_back(fit.outside);
-  }
-  GreyNoise noise;
-  if (bright.empty()) {  // dots too small for plateaus
-    noise.at_zero = Median(all);
-    return noise;
-  }
-  const double v1 = Median(bright), v0 = Median(dark);
-  const double g1 = Median(bright_grey), g0 = Median(dark_grey);
-  double slope = g1 > g0 ? (v1 - v0) / (g1 - g0) : 0.0;
-  // Light's own noise grows with it, whatever the polarity's sign.
-  if (slope * (std::abs(g1) - std::abs(g0)) < 0) slope = 0.0;
-  noise.per_grey = slope;
-  noise.at_zero = slope == 0.0 ? 0.5 * (v0 + v1) : v0 - slope * g0;
-  noise.least = std::max(1.0 / 12.0, 0.3 * std::min(v0, v1));
-  return noise;
-}
-
-}  // namespace
-
-std::optional<PictureModel> PoolModels(const std::vector<ModelFit>& fits) {
-  if (fits.empty()) return std::nullopt;
-  std::vector<double> blur, blur_noise;
-  for (const ModelFit& fit : fits) {
-    blur.push_back(fit.blur_px);
-    blur_noise.push_back(fit.blur_sigma_px * fit.blur_sigma_px);
-  }
-  PictureModel picture;
-  picture.noise = PoolNoise(fits);
-  picture.blur_px = Median(blur);
-  std::vector<double> off;
-  for (const double b : blur) off.push_back(std::abs(b - picture.blur_px));
-  const double scatter = 1.4826 * Median(off);
-  // Few dots know the common value no better than their own scatter says.
-  const double own = Median(blur_noise);
-  const double between = std::max(0.0, scatter * scatter - own);
-  picture.blur_sigma_px =
-      std::sqrt(between + 1.5 * own / static_cast<double>(blur.size()) + 0.003 * 0.003);
-  return picture;
-}
-
-double PoolGradient(const std::vector<ModelFit>& fits) {
-  constexpr double kRatio = 1.1, kMostSquares = 12.0;
-  double best = kPriorGradient, least = 1e300;
-  for (double t = kLeastGradient; t < 0.1; t *= kRatio) {
-    const double off = std::log(t / kPriorGradient) / kGradientSpread;
-    double cost = off * off;
-    for (const ModelFit& fit : fits) {
-      if (!fit.gradient) continue;
-      const double variance = t * t + fit.gradient_variance;
-      cost +=
-          2.0 * std::log(variance) + std::min(kMostSquares, fit.gradient->squaredNorm() / variance);
-    }
-    if (cost < least) best = t;
-    least = std::min(least, cost);
-  }
-  return best;
-}
-
-template <typename T>
-void RefineByModel(const SignedImage<T>& image, const std::vector<TargetEdge*>& edges) {
-  std::vector<TargetEdge> states;
-  std::vector<TargetEdge*> fitted;
-  std::vector<ModelFit> fits;
-  for (TargetEdge* edge : edges) {
-    const auto fit = FitModel(image, *edge, nullptr);
-    if (!fit) continue;
-    fitted.push_back(edge);
-    states.push_back(Updated(*edge, *fit));
-    fits.push_back(*fit);
-  }
-  auto picture = PoolModels(fits);
-  if (!picture) return;
-  // How even the light is shows with the noise known only: weights decide how
-  // much of a gradient is noise.
-  fits.clear();
-  for (TargetEdge& state : states) {
-    const auto fit = FitModel(image, state, &*picture);
-    if (!fit) continue;
-    state = Updated(state, *fit);
-    fits.push_back(*fit);
-  }
-  picture->gradient = PoolGradient(fits);
-  for (std::size_t k = 0; k < states.size(); ++k) {
-    const auto fit = FitModel(image, states[k], &*picture);
-    if (fit && !HasLeft(fitted[k]->ellipse, fit->ellipse)) *fitted[k] = Updated(*fitted[k], *fit);
-  }
-}
-
 template std::optional<ModelFit> FitModel(const SignedImage<std::uint8_t>&, const TargetEdge&,
                                           const PictureModel*);
 template std::optional<ModelFit> FitModel(const SignedImage<std::uint16_t>&, const TargetEdge&,
                                           const PictureModel*);
-template void RefineByModel(const SignedImage<std::uint8_t>&, const std::vector<TargetEdge*>&);
-template void RefineByModel(const SignedImage<std::uint16_t>&, const std::vector<TargetEdge*>&);
 
 }  // namespace videogrammetry

@@ -9,7 +9,7 @@
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
-#include "videogrammetry/recognition/model_fit.h"
+#include "videogrammetry/recognition/model_pool.h"
 
 namespace videogrammetry {
 namespace {

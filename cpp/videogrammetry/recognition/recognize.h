@@ -23,7 +23,7 @@ struct Target {
 /// (ring_code.h). A target that lies inside another one's ring is a piece of
 /// that ring and left out; an ID that stands at several places is taken from
 /// all of them unless one agrees far better. With Estimator::kModel what is left
-/// is measured anew (model_fit.h).
+/// is measured anew (model_pool.h).
 ///
 /// @param family  the codes; options.codes is not looked at.
 /// @return targets in the order of the rows, then of the columns, of their first chord.

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "synthetic_picture.h"
+#include "videogrammetry/recognition/model_pool.h"
 
 namespace videogrammetry {
 namespace {
@@ -278,6 +279,23 @@ TEST(ModelFitTest, PoolsNoiseAndBlurOfAPicture) {
   EXPECT_NEAR(pooled->noise.Variance(3000.0) / (0.2 * 600.0 * 600.0), 1.0, 0.15);
   EXPECT_NEAR(pooled->blur_px, std::sqrt(kPsf * kPsf + 1 / 12.0), 0.01);
   EXPECT_FALSE(PoolModels({}).has_value());
+}
+
+TEST(ModelFitTest, PoolsTheEvennessOfLight) {
+  for (const double truth : {0.005, 0.02, 0.05}) {
+    std::mt19937 random(7);
+    std::normal_distribution<double> unit(0.0, 1.0);
+    std::vector<ModelFit> fits(60);
+    for (ModelFit& fit : fits) {
+      fit.gradient_variance = 0.01 * 0.01;
+      const double sigma = std::hypot(truth, 0.01);
+      fit.gradient = sigma * Eigen::Vector2d(unit(random), unit(random));
+    }
+    // t^2 + noise is known to sqrt(2 / 120) = 13 %; 0.005^2 + 0.01^2 to 1.6e-5, three
+    // times which is 0.005 to 0.0086 and below.
+    EXPECT_NEAR(PoolGradient(fits), truth, std::max(0.0036, 0.3 * truth)) << truth;
+  }
+  EXPECT_NEAR(PoolGradient({}), 0.02, 0.001) << "no dots: what is usual";
 }
 
 TEST(ModelFitTest, WhatCannotBeFittedStaysAsItWas) {

@@ -63,7 +63,8 @@ struct ModelFit {
 ///
 /// Gauss-Newton on the ellipse (EllipseFrame), m1, g1, m2, g2 and s, on the
 /// pixels up to 3 s + 1.5 px inside the contour and as far outside, but not
-/// within 2.5 s of where a ring of code may begin, a radius away. The gradients
+/// within 2.5 s of where a ring of code may begin, a radius away (small dots need
+/// 2 s of ground all the same, or their gradients are not known). The gradients
 /// are held by priors: light multiplies and seldom changes by more than 2 % of
 /// the contrast over a radius, how much in a picture its dots say together; what
 /// is added, glare (TargetEdge), frees them.

@@ -18,8 +18,8 @@ std::optional<PictureModel> PoolModels(const std::vector<ModelFit>& fits);
 double PoolGradient(const std::vector<ModelFit>& fits);
 
 /// Measures dots anew by FitModel, first each for itself, then with the
-/// picture's noise and blur, at last with the evenness of its light. A dot that cannot be fitted
-/// stays as it was.
+/// picture's noise and blur, at last with the evenness of its light. A dot that
+/// cannot be fitted stays as it was; edge_rms_px and width_px do for all.
 template <typename T>
 void RefineByModel(const SignedImage<T>& image, const std::vector<TargetEdge*>& edges);
 

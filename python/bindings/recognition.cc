@@ -116,7 +116,8 @@ py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int
 }
 
 RecognitionOptions MakeOptions(const std::string& codes, bool clockwise, bool white_on_black,
-                               std::array<double, 2> diameter_px, const std::string& method) {
+                               std::array<double, 2> diameter_px, const std::string& method,
+                               bool model) {
   RecognitionOptions options;
   options.codes = codes;
   options.direction =
@@ -124,6 +125,7 @@ RecognitionOptions MakeOptions(const std::string& codes, bool clockwise, bool wh
   options.polarity = white_on_black ? Polarity::kWhiteOnBlack : Polarity::kBlackOnWhite;
   options.diameter_px = diameter_px;
   options.method = method;
+  options.estimator = model ? Estimator::kModel : Estimator::kMeanGradient;
   options.Check();
   return options;
 }
@@ -149,7 +151,7 @@ void BindRecognition(py::module_& parent) {
   py::class_<RecognitionOptions>(m, "RecognitionOptions")
       .def(py::init(&MakeOptions), py::kw_only(), "codes"_a = defaults.codes, "clockwise"_a = true,
            "white_on_black"_a = true, "diameter_px"_a = defaults.diameter_px,
-           "method"_a = defaults.method)
+           "method"_a = defaults.method, "model"_a = false)
       .def_readonly("codes", &RecognitionOptions::codes)
       .def_property_readonly(
           "direction",
@@ -162,7 +164,10 @@ void BindRecognition(py::module_& parent) {
                                                                             : "black-on-white";
                              })
       .def_readonly("diameter_px", &RecognitionOptions::diameter_px)
-      .def_readonly("method", &RecognitionOptions::method);
+      .def_readonly("method", &RecognitionOptions::method)
+      .def_property_readonly("estimator", [](const RecognitionOptions& o) {
+        return o.estimator == Estimator::kModel ? "model" : "mean-gradient";
+      });
   py::class_<CodeFamily>(m, "CodeFamily")
       .def(py::init(&MakeFamily), "name"_a, "num_bits"_a, "ring_inner"_a, "ring_outer"_a, "codes"_a)
       .def_readonly("name", &CodeFamily::name)

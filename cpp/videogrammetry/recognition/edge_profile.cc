@@ -218,6 +218,8 @@ std::optional<EdgeLevels> MeasureLevels(const EdgeProfiles& p) {
   const double prior = ring_near ? by_light(mean[outer]) : kPriorGradient * contrast;
   const Level outside = MeasureLevel(p, outer, last, prior, inside.glare, contrast);
   levels.uneven_outside = std::max(0.0, outside.excess - inside.glare) / contrast;
+  levels.inside_glare = inside.glare;
+  levels.outside_glare = outside.glare;
   levels.inside = inside.smooth.values;
   levels.outside = outside.smooth.values;
   const double curved = kGlareCurve * std::max(inside.glare, outside.glare);

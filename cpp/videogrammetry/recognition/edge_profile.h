@@ -45,6 +45,7 @@ struct EdgeLevels {
   double gradient_variance = 0.0, mean_variance = 0.0;
   /// First harmonic of the outer plateau beyond its noise, in units of the contrast.
   double uneven_outside = 0.0;
+  double inside_glare = 0.0, outside_glare = 0.0;  ///< first harmonics that are added light, or 0
   Eigen::ArrayXf mean_fall;  ///< fall of the mean profile from column k - 1 to k + 1, over 2
 };
 

@@ -11,6 +11,10 @@ enum class ReadingDirection { kClockwise, kCounterClockwise };
 /// Grey values of a dot and of what surrounds it.
 enum class Polarity { kWhiteOnBlack, kBlackOnWhite };
 
+/// How a dot that was found is measured: by the mean gradient's profiles across
+/// its edge (target_edge.h), or by a model of its grey values (model_fit.h).
+enum class Estimator { kMeanGradient, kModel };
+
 /// What to look for and how. Field for field the Python class
 /// videogrammetry.recognition.RecognitionOptions.
 struct RecognitionOptions {
@@ -23,6 +27,8 @@ struct RecognitionOptions {
   std::array<double, 2> diameter_px = {5.0, 200.0};
   /// "local-canny": the only method so far.
   std::string method = "local-canny";
+  /// The mean gradient is the paper's; the model is nearer to what the noise permits.
+  Estimator estimator = Estimator::kMeanGradient;
 
   /// @throws std::invalid_argument naming the field, what was expected and what was given.
   void Check() const;

@@ -10,6 +10,7 @@
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
+#include "videogrammetry/recognition/model_pool.h"
 
 namespace videogrammetry {
 namespace {
@@ -94,6 +95,11 @@ std::vector<Target> RecognizeChecked(const ImageView<T>& image, const Recognitio
     }
     RemoveRingPieces(family, &targets);
     ResolveDuplicates(&targets);
+  }
+  if (options.estimator == Estimator::kModel) {
+    std::vector<TargetEdge*> edges;
+    for (Target& target : targets) edges.push_back(&target.edge);
+    RefineByModel(picture, edges);
   }
   return targets;
 }

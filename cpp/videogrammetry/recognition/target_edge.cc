@@ -278,6 +278,8 @@ TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& s
   edge.inside = r.levels.inside.mean();
   edge.outside = r.levels.outside.mean();
   edge.width_px = r.levels.width_px;
+  edge.inside_glare = r.levels.inside_glare;
+  edge.outside_glare = r.levels.outside_glare;
   // The residuals' mean square lacks the part that the five parameters took.
   const double variance = sum.variance() * independent / std::max(1.0, independent - 5.0);
   const Matrix5d inverse = r.normal.ldlt().solve(Matrix5d::Identity());

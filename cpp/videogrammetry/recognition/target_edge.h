@@ -17,6 +17,8 @@ struct TargetEdge {
   double inside = 0.0;       ///< mean grey values on both sides, with the polarity's sign
   double outside = 0.0;
   double width_px = 0.0;  ///< standard deviation of the edge's spread
+  /// First harmonics of both plateaus that are added light, in grey values, or 0.
+  double inside_glare = 0.0, outside_glare = 0.0;
 };
 
 /// Measures a candidate's edge: steps 3 to 5 of the local Canny, and the last word on it.

@@ -33,6 +33,7 @@ from videogrammetry.types import Targets
 
 DIRECTIONS = ("clockwise", "counter-clockwise")
 POLARITIES = ("white-on-black", "black-on-white")
+ESTIMATORS = ("mean-gradient", "model")
 
 
 def add_parser(verbs: SubParsers) -> None:
@@ -89,6 +90,12 @@ def add_parser(verbs: SubParsers) -> None:
     )
     parser.add_argument(
         "--method", default=default.method, help="way of recognition (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--estimator",
+        choices=ESTIMATORS,
+        default=default.estimator,
+        help="how dots are measured; model: slower, nearer to the noise (default: %(default)s)",
     )
     add_force(parser)
 
@@ -181,6 +188,7 @@ def _options(args: argparse.Namespace) -> RecognitionOptions:
         polarity=args.polarity,
         diameter_px=(smallest, largest),
         method=args.method,
+        estimator=args.estimator,
     )
     try:
         recognize(np.zeros((16, 16), np.uint8), options)

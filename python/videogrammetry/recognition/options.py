@@ -29,6 +29,9 @@ class RecognitionOptions:
     diameter_px : smallest minor and largest major axis of a dot, full lengths;
         3 <= smallest < largest <= 2000.
     method : ``local-canny``, the paper's way.
+    estimator : how a dot that was found is measured. ``mean-gradient``, the
+        paper's way, or ``model``: its grey values as those of a blurred
+        ellipse, noise-weighted; slower and nearer to what the noise permits.
     """
 
     codes: str = "schneider-14"
@@ -36,3 +39,4 @@ class RecognitionOptions:
     polarity: str = "white-on-black"
     diameter_px: tuple[float, float] = (5.0, 200.0)
     method: str = "local-canny"
+    estimator: str = "mean-gradient"

@@ -16,6 +16,7 @@ from videogrammetry.types import Targets
 _DIRECTIONS = ("clockwise", "counter-clockwise")
 _POLARITIES = ("white-on-black", "black-on-white")
 _METHODS = ("local-canny",)
+_ESTIMATORS = ("mean-gradient", "model")
 
 
 def recognize(
@@ -29,7 +30,9 @@ def recognize(
     The local Canny detector of the videogrammetry paper [1]_: candidates from
     the grey-level gradient, Canny's edges in each candidate with thresholds of
     its own, sub-pixel edges by the mean gradient, a least-squares ellipse, and
-    the code ring. The ellipse's covariance follows from its edge residuals.
+    the code ring. The ellipse's covariance follows from its edge residuals. With
+    ``estimator="model"`` the dots found are measured anew, by least squares on
+    their grey values.
 
     The interpreter's lock is released: several pictures may be recognised in
     threads. Nothing is random.
@@ -98,6 +101,7 @@ def _core_options(options: RecognitionOptions) -> _core.RecognitionOptions:
         ("direction", options.direction, _DIRECTIONS),
         ("polarity", options.polarity, _POLARITIES),
         ("method", options.method, _METHODS),
+        ("estimator", options.estimator, _ESTIMATORS),
     ):
         if value not in known:
             raise ValueError(f"{name}: expected {' or '.join(map(repr, known))}, got {value!r}")
@@ -113,6 +117,7 @@ def _core_options(options: RecognitionOptions) -> _core.RecognitionOptions:
         white_on_black=options.polarity == _POLARITIES[0],
         diameter_px=(smallest, largest),
         method=options.method,
+        model=options.estimator == _ESTIMATORS[1],
     )
 
 

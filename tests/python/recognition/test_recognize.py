@@ -159,6 +159,7 @@ def test_wrong_arrays_are_refused(image, message):
         ({"polarity": "white"}, "polarity"),
         ({"direction": "left"}, "direction"),
         ({"method": "magic"}, "method"),
+        ({"estimator": "guess"}, "estimator"),
         ({"codes": "qr"}, "codes"),
         ({"diameter_px": (20, 5)}, "diameter_px"),
         ({"diameter_px": (1, 5)}, "diameter_px"),

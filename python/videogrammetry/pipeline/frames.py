@@ -39,6 +39,7 @@ def recognition_options(targets: TargetsSection) -> RecognitionOptions:
         polarity=targets.polarity,
         diameter_px=targets.diameter_px,
         method=targets.method,
+        estimator=targets.estimator,
     )
 
 

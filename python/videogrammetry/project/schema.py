@@ -23,6 +23,8 @@ SCHEMA = 1
 MAX_CAMERAS = 64
 DIRECTIONS = ("clockwise", "counter-clockwise")
 POLARITIES = ("white-on-black", "black-on-white")
+ESTIMATORS = ("mean-gradient", "model")
+ESTIMATORS = ("mean-gradient", "model")
 FILTERS = ("none", "savitzky-golay", "butterworth")
 START_NAMES = ("f_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "E1", "E2")
 
@@ -79,7 +81,8 @@ class TargetsSection:
     ``diameter_px`` is the smallest minor and the largest major axis;
     ``diameter_mm`` the circle's diameter: ``measure`` leaves out what has another
     size (eccentricity is not corrected yet);
-    ``thickness_mm`` a sticker's height over the surface.
+    ``thickness_mm`` a sticker's height over the surface. ``estimator`` is how a
+    dot that was found is measured, see ``recognition.RecognitionOptions``.
     """
 
     codes: str = "schneider-14"
@@ -87,6 +90,7 @@ class TargetsSection:
     polarity: str = "white-on-black"
     diameter_px: tuple[float, float] = (5.0, 200.0)
     method: str = "local-canny"
+    estimator: str = "mean-gradient"
     diameter_mm: float | None = None
     thickness_mm: float = 0.0
 
@@ -325,6 +329,7 @@ def _targets(table: TomlTable, folder: Path) -> TargetsSection:
         polarity=table.choice("polarity", POLARITIES, default.polarity),
         diameter_px=(float(smallest), float(largest)),
         method=table.string("method", default.method),
+        estimator=table.choice("estimator", ESTIMATORS, default.estimator),
         diameter_mm=table.number("diameter_mm", None, above=0),
         thickness_mm=thickness_mm,
     )

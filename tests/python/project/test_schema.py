@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from videogrammetry.errors import ProjectFileError
+from videogrammetry.pipeline.frames import recognition_options
 from videogrammetry.project import read_project
 
 COMPLETE = """\
@@ -81,6 +82,7 @@ def test_a_complete_project(tmp_path: Path) -> None:
     assert project.calibration.sigma_mm == 0.1
     assert project.targets.codes == "metashape-12"
     assert project.targets.diameter_px == (8.0, 60.0)
+    assert project.targets.estimator == "mean-gradient"
     assert (project.sequence.first, project.sequence.last) == (3, 20)
     assert project.stability.points == tmp_path.resolve() / "static.csv"
     assert project.motion.reference_stage == 3
@@ -115,6 +117,14 @@ def test_an_empty_list_frees_nothing(tmp_path: Path) -> None:
     assert read_project(write(tmp_path, own)).cameras["a"].free == ()
     with pytest.raises(ProjectFileError, match="line 3: .*free"):
         read_project(write(tmp_path, 'schema = 1\n[cameras.a]\nfree = [""]\n'))
+
+
+def test_estimator_is_taken_to_recognition(tmp_path: Path) -> None:
+    text = COMPLETE.replace("[targets]\n", '[targets]\nestimator = "model"\n')
+    project = read_project(write(tmp_path, text))
+    assert recognition_options(project.targets).estimator == "model"
+    with pytest.raises(ProjectFileError, match="estimator.*mean-gradient"):
+        read_project(write(tmp_path, text.replace('"model"', '"mean"')))
 
 
 #: (what replaces what in COMPLETE, line that must be named, words that must be there)

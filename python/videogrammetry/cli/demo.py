@@ -5,16 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import sys
 import time
 from pathlib import Path
 
 from videogrammetry.cli.common import SubParsers, UsageError, add_verb
 from videogrammetry.project import plain, write_text
-
-#: Megabytes on the disk, roughly, of the small and of the full size.
-_SMALL_MB, _FULL_MB = 480, 1960
 
 
 def add_parser(verbs: SubParsers) -> None:
@@ -75,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
     from videogrammetry.cli.demo_run import FULL, SMALL, DemoOptions, run_demo
     from videogrammetry.cli.demo_table import comparison_rows, losses, terminal_table
     from videogrammetry.rendering.disturbances import Conditions
+    from videogrammetry.sequence import check_free_space
 
     folder: Path = args.dir
     if os.path.lexists(folder):
@@ -93,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     except ValueError as error:
         raise UsageError(str(error)) from error
-    _refuse_full_disk(folder, 1e6 * (_FULL_MB if args.full else _SMALL_MB))
+    check_free_space(folder, options.size.recorded_bytes)
     start = time.perf_counter()
     try:
         results = run_demo(folder, options, lambda text: print(text, file=sys.stderr))
@@ -116,13 +113,3 @@ def run(args: argparse.Namespace) -> int:
         print(line)
     print(f"all of it in {time.perf_counter() - start:.0f} s; open {folder / 'index.html'}")
     return 0
-
-
-def _refuse_full_disk(folder: Path, needed: float) -> None:
-    above = next(p for p in folder.absolute().parents if p.exists())
-    free = shutil.disk_usage(above).free
-    if free < needed:
-        raise OSError(
-            f"{folder}: the recordings need {needed / 1e6:.0f} MB, but the disk has "
-            f"{free / 1e6:.0f} MB free: make room, or choose another disk"
-        )

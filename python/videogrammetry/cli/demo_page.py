@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from videogrammetry.accuracy import camera_statistics, measured_from_true
+from videogrammetry.accuracy import camera_statistics
 from videogrammetry.cli.demo_run import ACROSS, BAR, CALIBRATION, TYRE, DemoResults
 from videogrammetry.cli.demo_table import losses
 from videogrammetry.pipeline.verify import true_points
@@ -164,24 +164,26 @@ def _recognition(results: DemoResults, stages: list[int]) -> RecognitionPart:
 
 def _carried(results: DemoResults, points: FloatArray) -> FloatArray:
     """Places in the true rig's frame, in the measured one."""
-    fit = measured_from_true(results.calibration.rig, results.truth_rig)
+    fit = results.scenes[TYRE].verification.truth
+    assert fit is not None
     return np.asarray(points @ fit.rotation.T + fit.translation_mm)
 
 
 def _scene(results: DemoResults) -> Scene:
     facts = results.tyre.facts
-    fit = measured_from_true(results.calibration.rig, results.truth_rig)
-    up = fit.rotation @ np.array(facts["up"])
+    ground, above = np.array(facts["ground_mm"]), np.array(facts["up"])
+    ground, above = _carried(results, np.stack([ground, ground + above]))
     targets = results.tyre.place(0.0).centre_mm[results.tyre.marks.is_target]
+    targets = _carried(results, targets)
     count = len(facts["front_points"])
-    sides = [targets[:count], targets[count:]]
-    outline = [_circle(_carried(results, side), float(facts["radius_mm"])) for side in sides]
-    away = _carried(results, sides[1]).mean(axis=0) - _carried(results, sides[0]).mean(axis=0)
+    front, back = targets[:count], targets[count:]
+    away = back.mean(axis=0) - front.mean(axis=0)
+    radius_mm = float(facts["radius_mm"])
     return Scene(
-        up=tuple(up.tolist()),
+        up=tuple((above - ground).tolist()),
         away=tuple(away.tolist()),
-        ground_mm=_carried(results, np.array(facts["ground_mm"])[None])[0],
-        outline_mm=outline,
+        ground_mm=ground,
+        outline_mm=[_circle(front, radius_mm), _circle(back, radius_mm)],
     )
 
 

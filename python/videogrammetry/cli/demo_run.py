@@ -68,6 +68,12 @@ class DemoSize:
         """Of the tyre: the whole fall and the rebound in ``stages``."""
         return 250.0 * self.stages / 200.0
 
+    @property
+    def recorded_bytes(self) -> int:
+        """Of all recordings: four cameras, a million pixels of 12 bits."""
+        stages = self.orientations + self.stages + 2 * self.bar_stages
+        return 4 * stages * 1024 * 1024 * 3 // 2
+
 
 SMALL = DemoSize(orientations=12, stages=40, bar_stages=11)
 FULL = DemoSize(orientations=24, stages=200, bar_stages=44)

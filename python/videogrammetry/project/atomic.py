@@ -12,6 +12,9 @@ from pathlib import Path
 
 from videogrammetry.errors import VideogrammetryError
 
+#: The disk, the quota (which Windows has no number for) or a file's largest size is exhausted.
+_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+
 
 def refuse_overwrite(path: str | os.PathLike[str], force: bool) -> None:
     """Raises if ``path`` cannot be written, or would be overwritten without ``force``.
@@ -168,7 +171,7 @@ def _give_name(beside: Path, target: Path) -> None:
 
 def _without_part(error: Exception, beside: Path, target: Path) -> Exception:
     """The error with the name that the user has chosen instead of the hidden one."""
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    if isinstance(error, OSError) and error.errno in _FULL:
         reason = error.strerror or ""
         if reason == os.strerror(error.errno):
             free = shutil.disk_usage(nearest_folder(target)).free

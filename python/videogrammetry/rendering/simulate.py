@@ -13,10 +13,8 @@ OUT/truth/scene.json                 every option
 
 from __future__ import annotations
 
-import errno
 import math
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -40,6 +38,7 @@ from videogrammetry.sequence import (
     SEQUENCE_FORMATS,
     SequenceFormat,
     SequenceWriter,
+    check_free_space,
     create_sequence,
 )
 from videogrammetry.types import RigCamera
@@ -267,7 +266,8 @@ def _record(
         writers = {
             name: stack.enter_context(_writer(scene, folder, name, options)) for name in cameras
         }
-        _refuse_full_disk(folder, sum(writer.needed_bytes for writer in writers.values()))
+        # All cameras together must fit, before the first picture is rendered.
+        check_free_space(folder, sum(writer.needed_bytes for writer in writers.values()))
         for first in range(1, scene.num_stages + 1, _BATCH_STAGES):
             stages = range(first, min(first + _BATCH_STAGES, scene.num_stages + 1))
             batch = _render(scene, renderers, stages, options)
@@ -303,18 +303,6 @@ def _emptied(frame: RenderedFrame) -> RenderedFrame:
     return RenderedFrame(
         image=np.zeros_like(frame.image), truth=replace(frame.truth, visibility=outside)
     )
-
-
-def _refuse_full_disk(folder: Path, needed: int) -> None:
-    """All cameras together must fit, before the first picture is rendered."""
-    free = shutil.disk_usage(folder).free
-    if needed > free:
-        raise OSError(
-            errno.ENOSPC,
-            f"the pictures need {needed / 1e6:.0f} MB, but the disk has {free / 1e6:.0f} MB free: "
-            "make room, choose another disk, or ask for fewer stages",
-            str(folder),
-        )
 
 
 def _render(

@@ -167,13 +167,13 @@ def _crops(
         return {}
     size = np.max([high - low for low, high in spans.values()], axis=0)
     size[0] = max(size[0], size[1] * narrowest)
-    crops = {}
+    crops: dict[str, Crop] = {}
     for camera, (low, high) in spans.items():
         limit = np.array(sizes[camera])
         wide = np.minimum(np.ceil(size), limit).astype(int)
-        corner = np.clip(np.rint((low + high - wide) / 2).astype(int), 0, limit - wide)
-        crops[camera] = (*map(int, corner), *map(int, corner + wide))
-    return crops  # type: ignore[return-value]
+        left, top = np.clip(np.rint((low + high - wide) / 2).astype(int), 0, limit - wide).tolist()
+        crops[camera] = (left, top, left + int(wide[0]), top + int(wide[1]))
+    return crops
 
 
 def _cell(

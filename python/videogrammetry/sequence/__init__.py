@@ -9,6 +9,7 @@ from videogrammetry.sequence.arrays import ArraySource, as_source
 from videogrammetry.sequence.formats import known_suffixes
 from videogrammetry.sequence.grey import grey_from_rgb
 from videogrammetry.sequence.open import SequenceSpec, open_sequence
+from videogrammetry.sequence.parts import check_free_space
 from videogrammetry.sequence.select import find_files, natural_key
 from videogrammetry.sequence.source import JoinedSource, check_same_length
 from videogrammetry.sequence.write import (
@@ -26,6 +27,7 @@ __all__ = [
     "SequenceSpec",
     "SequenceWriter",
     "as_source",
+    "check_free_space",
     "check_same_length",
     "create_sequence",
     "find_files",

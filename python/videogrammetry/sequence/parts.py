@@ -63,16 +63,20 @@ def check_free_space(target: Path, needed_bytes: int) -> None:
     free = free_bytes(target)
     if free is not None and free < needed_bytes:
         raise SequenceError(
-            f"{target} does not fit: it needs {_size(needed_bytes)}, and {target.parent.resolve()} "
-            f"has {_size(free)} free; make room, choose another disk, or write fewer frames. "
+            f"{target} does not fit: it needs {_size(needed_bytes)}, and its disk has "
+            f"{_size(free)} free; make room, choose another disk, or write fewer frames. "
             "Nothing was written"
         )
 
 
 def free_bytes(target: Path) -> int | None:
-    """Free space for the user where ``target`` is to be; None if the system does not tell."""
+    """Free space for the user where ``target`` is to be; None if the system does not tell.
+
+    Folders above it may be yet to be made.
+    """
+    folder = next(p for p in target.absolute().parents if p.exists())
     try:
-        return shutil.disk_usage(target.parent).free
+        return shutil.disk_usage(folder).free
     except OSError:
         return None
 

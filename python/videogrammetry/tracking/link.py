@@ -174,14 +174,16 @@ class _Linker:
         A point seen once moves as those in the middle of the others do.
         """
         steps = np.full((len(numbers), 3), np.nan)
+        now = self.stages[stage].position_mm[_rows(self.stages[stage], numbers)]
+        by_before: dict[int, list[int]] = {}  # stage that saw them before -> rows of steps
         for k, number in enumerate(numbers.tolist()):
-            before = [s for s in self.seen[number] if stage - _RECENT <= s < stage]
-            if before:
-                old, new = self.stages[before[-1]], self.stages[stage]
-                moved = (
-                    new.position_mm[_rows(new, [number])] - old.position_mm[_rows(old, [number])]
-                )
-                steps[k] = moved[0] / (stage - before[-1])
+            last_two = self.seen[number][-2:]  # the last of them is ``stage``
+            if len(last_two) == 2 and stage - last_two[0] <= _RECENT:
+                by_before.setdefault(last_two[0], []).append(k)
+        for before, rows in by_before.items():
+            old = self.stages[before]
+            moved = now[rows] - old.position_mm[_rows(old, numbers[rows])]
+            steps[rows] = moved / (stage - before)
         known = np.isfinite(steps[:, 0])
         steps[~known] = np.median(steps[known], axis=0) if known.any() else 0.0
         return steps

@@ -25,12 +25,13 @@ SEEDS = (0, 1, 2)
 SEEN, HIDDEN = VISIBILITY.index("visible"), VISIBILITY.index("occluded")
 
 
-@pytest.mark.parametrize("bit_depth", [8, 12, 16])
-@pytest.mark.parametrize("ratio", [20.0, 75.0, 300.0])
+# At 300 and 8 bits the noise of half a grey value would be hidden by the rounding.
+@pytest.mark.parametrize(
+    ("bit_depth", "ratio"),
+    [(b, r) for b in (8, 12, 16) for r in (20.0, 75.0, 300.0) if (b, r) != (8, 300.0)],
+)
 def test_contrast_over_noise_is_as_asked(bit_depth, ratio):
     """Measured on flat white and black areas of a rendered picture."""
-    if bit_depth == 8 and ratio > 100:
-        pytest.skip("noise of half a grey value is hidden by the rounding to 8 bits")
     conditions = Conditions(
         bit_depth=bit_depth, contrast_noise=ratio, gradient=(0.0, 0.0), spots=0, clutter=0.0
     )

@@ -11,9 +11,10 @@ namespace videogrammetry {
 namespace {
 
 /// Prior standard deviation of a plateau's first harmonic, in units of the
-/// contrast, on the brighter side: light seldom changes by more across a dot.
-/// Light multiplies, so black paper hardly shows it: what changes there along
-/// the contour is the edge of a ring of code nearby.
+/// contrast: light seldom changes by more across a dot. Inside, and outside
+/// where a ring of code is near, it is taken for the brighter side: light
+/// multiplies, so black paper hardly shows it, and what changes there along the
+/// contour is the ring's edge.
 constexpr double kPriorGradient = 0.02;
 /// What light that is added (flare) may change, in units of the contrast.
 constexpr double kPriorFlare = 0.002;

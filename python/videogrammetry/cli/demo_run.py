@@ -16,7 +16,7 @@ import numpy as np
 from videogrammetry.accuracy import KnownLength, TruePoints, lengths_from_calibration
 from videogrammetry.calibration import CalibrationRun
 from videogrammetry.cli.progress import Progress
-from videogrammetry.pipeline import calibrate_project, measure_project
+from videogrammetry.pipeline import calibrate_by, measure_project
 from videogrammetry.pipeline.verify import (
     Verification,
     known_lengths,
@@ -147,11 +147,11 @@ def run_demo(
     say("2. calibrate")
     project = read_project(folder / CALIBRATION)
     with _timed(seconds, "calibrate"), _progress("calibrate") as progress:
-        run = calibrate_project(project, progress=progress)
+        runs = calibrate_by(project, ("joint", "mean"), progress=progress)
+    run, mean = runs["joint"], runs["mean"]
     write_rig(project.rig_path, run.rig)
     page = calibration_report(run, title=project.name)
     write_text(project.rig_path.with_name("rig-report.html"), page)
-    mean = calibrate_project(project, method="mean")
 
     say("3. render, measure and verify the tyre and the scale bars")
     moving = SimulateOptions(conditions=conditions, calibration=folder / CALIBRATION)

@@ -1,6 +1,6 @@
 """Pipeline: the only place that knows the order of the rooms."""
 
-from videogrammetry.pipeline.calibrate import calibrate_frames, calibrate_project
+from videogrammetry.pipeline.calibrate import calibrate_by, calibrate_frames, calibrate_project
 from videogrammetry.pipeline.frames import Progress
 from videogrammetry.pipeline.measure import measure_frames, measure_project
 from videogrammetry.pipeline.motion import recompute_motion
@@ -9,6 +9,7 @@ from videogrammetry.pipeline.verify import Verification, verify_project
 __all__ = [
     "Progress",
     "Verification",
+    "calibrate_by",
     "calibrate_frames",
     "calibrate_project",
     "measure_frames",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -57,6 +58,18 @@ def calibrate_project(
     ProjectFileError, SequenceError, TableError, CalibrationError
         Naming file, picture or target, and what to do.
     """
+    methods = (method,)
+    return calibrate_by(project, methods, progress=progress, num_threads=num_threads)[method]
+
+
+def calibrate_by(
+    project: Project,
+    methods: Sequence[str],
+    *,
+    progress: Progress = silent,
+    num_threads: int = 0,
+) -> dict[str, CalibrationRun]:
+    """Calibrate by several methods, the pictures recognised once; see :func:`calibrate_project`."""
     if project.calibration.target is None:
         raise ProjectFileError(
             f"{project.path}: [calibration] names no target: add target = "
@@ -73,15 +86,27 @@ def calibrate_project(
         cameras, inputs = _from_observations(project)
     else:
         cameras, inputs = _from_pictures(project, progress, num_threads)
-    options = CalibrationOptions(
-        method=method, sigma_mm=project.calibration.sigma_mm, num_threads=num_threads
-    )
-    progress(0, 1, "adjusting")
-    run = calibrate(cameras, target, options)
-    progress(1, 1, "adjusting")
+    files: list[str | os.PathLike[str]] = [*inputs, project.calibration.target]
+    runs = {}
+    for method in methods:
+        options = CalibrationOptions(
+            method=method, sigma_mm=project.calibration.sigma_mm, num_threads=num_threads
+        )
+        progress(0, 1, "adjusting")
+        runs[method] = _with_origin(calibrate(cameras, target, options), project, options, files)
+        progress(1, 1, "adjusting")
+    return runs
+
+
+def _with_origin(
+    run: CalibrationRun,
+    project: Project,
+    options: CalibrationOptions,
+    files: Sequence[str | os.PathLike[str]],
+) -> CalibrationRun:
+    """The run with what has made it, and what of the project it has not taken into account."""
     used = {"calibration": options, "cameras": project.cameras, "targets": project.targets}
-    origin = provenance(used, [*inputs, project.calibration.target], project.folder)
-    how = {**origin, **run.rig.how}
+    how = {**provenance(used, files, project.folder), **run.rig.how}
     return dataclasses.replace(
         run,
         rig=dataclasses.replace(run.rig, how=how),

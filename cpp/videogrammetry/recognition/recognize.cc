@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
+#include <type_traits>
 
 #include "videogrammetry/core/thread_pool.h"
 #include "videogrammetry/recognition/candidate_search.h"
@@ -104,14 +105,40 @@ std::vector<Target> RecognizeChecked(const ImageView<T>& image, const Recognitio
   return targets;
 }
 
+std::vector<std::uint16_t> Unpacked(const Packed12View& image) {
+  std::vector<std::uint16_t> samples;
+  samples.reserve(static_cast<std::size_t>(image.width()) *
+                  static_cast<std::size_t>(image.height()));
+  for (int y = 0; y < image.height(); ++y) {
+    for (int x = 0; x < image.width(); ++x) {
+      samples.push_back(static_cast<std::uint16_t>(image(x, y)));
+    }
+  }
+  return samples;
+}
+
+std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOptions& options,
+                                   const CodeFamily& family) {
+  return std::visit(
+      [&](const auto& image) {
+        if constexpr (std::is_same_v<std::decay_t<decltype(image)>, Packed12View>) {
+          const std::vector<std::uint16_t> samples = Unpacked(image);
+          const ImageView16 view(samples.data(), image.width(), image.height());
+          return RecognizeChecked(view, options, family);
+        } else {
+          return RecognizeChecked(image, options, family);
+        }
+      },
+      frame);
+}
+
 }  // namespace
 
-template <typename T>
-std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
+std::vector<Target> Recognize(const FrameView& frame, const RecognitionOptions& options,
                               const CodeFamily& family) {
   options.Check();
   family.Check();
-  return RecognizeChecked(image, options, family);
+  return RecognizeFrame(frame, options, family);
 }
 
 Recognizer::Recognizer(const RecognitionOptions& options, const CodeFamily& family)
@@ -125,16 +152,9 @@ std::vector<std::vector<Target>> Recognizer::RecognizeFrames(const std::vector<F
   std::vector<std::vector<Target>> targets(frames.size());
   ParallelFor(static_cast<int>(frames.size()), num_threads, [&](int i) {
     const auto slot = static_cast<std::size_t>(i);
-    targets[slot] =
-        std::visit([&](const auto& image) { return RecognizeChecked(image, options_, family_); },
-                   frames[slot]);
+    targets[slot] = RecognizeFrame(frames[slot], options_, family_);
   });
   return targets;
 }
-
-template std::vector<Target> Recognize(const ImageView<std::uint8_t>&, const RecognitionOptions&,
-                                       const CodeFamily&);
-template std::vector<Target> Recognize(const ImageView<std::uint16_t>&, const RecognitionOptions&,
-                                       const CodeFamily&);
 
 }  // namespace videogrammetry

@@ -1,10 +1,10 @@
 #pragma once
 
-#include <variant>
 #include <vector>
 
 #include "videogrammetry/core/image_view.h"
 #include "videogrammetry/recognition/code_family.h"
+#include "videogrammetry/recognition/grey_window.h"
 #include "videogrammetry/recognition/options.h"
 #include "videogrammetry/recognition/ring_code.h"
 #include "videogrammetry/recognition/target_edge.h"
@@ -29,12 +29,8 @@ struct Target {
 /// @param family  the codes; options.codes is not looked at.
 /// @return targets in the order of the rows, then of the columns, of their first chord.
 /// @throws std::invalid_argument if the options or the family are not valid.
-template <typename T>
-std::vector<Target> Recognize(const ImageView<T>& image, const RecognitionOptions& options,
+std::vector<Target> Recognize(const FrameView& frame, const RecognitionOptions& options,
                               const CodeFamily& family);
-
-/// A picture of either depth.
-using FrameView = std::variant<ImageView8, ImageView16>;
 
 /// Options and codes for many pictures, checked once: of the largest family that
 /// alone takes longer than a small picture.

@@ -1,28 +1,12 @@
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <span>
 
 #include "videogrammetry/core/cpu.h"
+#include "videogrammetry/core/packed12_view.h"
 
 namespace videogrammetry {
-
-/// How two samples of 12 bits stand in three bytes b0 b1 b2.
-enum class PackedOrder {
-  /// Most significant bit first, as in Photron's .mraw files:
-  /// first = b0 << 4 | b1 >> 4, second = (b1 & 15) << 8 | b2.
-  kHighFirst,
-  /// Least significant bit first, as in GenICam's Mono12p:
-  /// first = b0 | (b1 & 15) << 8, second = b1 >> 4 | b2 << 4.
-  kLowFirst,
-};
-
-/// Bytes that `num_samples` samples of 12 bits take: (3 n + 1) / 2, so that half
-/// a byte is left over after an odd number of samples.
-constexpr std::size_t Packed12Bytes(std::size_t num_samples) {
-  return num_samples + (num_samples + 1) / 2;
-}
 
 /// Spreads packed samples of 12 bits to 16 bits, values 0 to 4095.
 ///

@@ -172,9 +172,7 @@ TEST(RecognizerTest, EqualsOneByOneForAnyNumberOfThreads) {
     const auto batch = recognizer.RecognizeFrames(frames, threads);
     ASSERT_EQ(batch.size(), frames.size());
     for (std::size_t i = 0; i < frames.size(); ++i) {
-      const auto single = std::visit(
-          [](const auto& image) { return Recognize(image, RecognitionOptions{}, Schneider()); },
-          frames[i]);
+      const auto single = Recognize(frames[i], RecognitionOptions{}, Schneider());
       EXPECT_EQ(single.empty(), i % 3 == 1);
       ASSERT_EQ(batch[i].size(), single.size()) << "frame " << i << ", " << threads << " threads";
       for (std::size_t k = 0; k < single.size(); ++k) {

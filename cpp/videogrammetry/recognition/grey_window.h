@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstddef>
+#include <variant>
+#include <vector>
+
+#include "videogrammetry/core/cpu.h"
+#include "videogrammetry/core/image_view.h"
+#include "videogrammetry/core/packed12_view.h"
+
+namespace videogrammetry {
+
+/// A picture of any depth, as it lies in memory.
+using FrameView = std::variant<ImageView8, ImageView16, Packed12View>;
+
+int FrameWidth(const FrameView& frame);
+int FrameHeight(const FrameView& frame);
+
+/// A part of a picture as floats, bright targets up: grey values times +1
+/// (white on black) or -1 (black on white). Coordinates are the picture's.
+struct GreyWindow {
+  int x0 = 0, y0 = 0;  ///< its first pixel's place in the picture
+  int width = 0, height = 0;
+  std::ptrdiff_t stride = 0;    ///< floats from row to row: a multiple of 16, more than width + 15
+  const float* data = nullptr;  ///< aligned to 64 bytes; what lies beyond a row's end is 0
+
+  const float* row(int y) const { return data + (y - y0) * stride; }
+  float operator()(int x, int y) const { return row(y)[x - x0]; }
+  /// True if the bilinear value at (x, y) needs no pixel outside the window.
+  bool Covers(double x, double y) const {
+    return x >= x0 && y >= y0 && x <= x0 + width - 1.001 && y <= y0 + height - 1.001;
+  }
+  /// Grey value between pixels, paper Eq. (9); Covers(x, y) must be true.
+  float Bilinear(float x, float y) const;
+  /// The same at many places, by the fastest kernel, the same bits from each.
+  void Sample(const float* x, const float* y, int count, float* out) const;
+
+  InstructionSet set = InstructionSet::kBaseline;  ///< of the kernels to use
+};
+
+/// Reads windows of a picture, converting each sample once; keeps its memory.
+class WindowReader {
+ public:
+  /// @param sign  +1 or -1.
+  WindowReader(const FrameView& frame, int sign, InstructionSet set = DetectInstructionSet());
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  int sign() const { return sign_; }
+  InstructionSet set() const { return set_; }
+  const FrameView& frame() const { return frame_; }
+
+  /// The window of pixels x0 ... x1, y0 ... y1 inclusive, clipped to the picture
+  /// (width or height 0 where nothing is left). Valid until the next call.
+  GreyWindow Read(int x0, int y0, int x1, int y1);
+
+ private:
+  FrameView frame_;
+  int sign_;
+  InstructionSet set_;
+  int width_, height_;
+  std::vector<float> buffer_;
+};
+
+}  // namespace videogrammetry

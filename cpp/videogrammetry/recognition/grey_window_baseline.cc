@@ -1,0 +1,5 @@
+#include "videogrammetry/recognition/grey_window_kernels.inc"
+
+const Kernels& BaselineKernels() { return kKernels; }
+
+}  // namespace videogrammetry::grey_window

@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <vector>
 
+#include "videogrammetry/recognition/edge_pair_samples.h"
+
 namespace videogrammetry {
 namespace {
 
@@ -13,6 +15,25 @@ int Quantile(std::vector<int>& values, double fraction) {
   const auto index = static_cast<std::ptrdiff_t>(fraction * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), values.begin() + index, values.end());
   return values[static_cast<std::size_t>(index)];
+}
+
+// The smallest value that more than `index` of the values do not exceed: by bisection,
+// whose counts the compiler turns into vectors.
+int Quantile(const std::vector<std::uint16_t>& values, double fraction) {
+  const auto index = static_cast<int>(fraction * static_cast<double>(values.size() - 1));
+  int low = 0, high = 65535;
+  while (low < high) {
+    const int middle = (low + high) / 2;
+    const auto limit = static_cast<std::uint16_t>(middle);
+    int count = 0;
+    for (const std::uint16_t value : values) count += value <= limit;
+    if (count > index) {
+      high = middle;
+    } else {
+      low = middle + 1;
+    }
+  }
+  return low;
 }
 
 }  // namespace
@@ -32,6 +53,33 @@ GreyStatistics MeasureGreyStatistics(const ImageView<T>& image) {
     for (int x = 1; x + 1 < image.width(); x += kColumnStep) {
       values.push_back(row[x]);
       gradients.push_back(std::abs(static_cast<int>(row[x + 1]) - static_cast<int>(row[x - 1])));
+    }
+  }
+  return {Quantile(values, 0.001), Quantile(values, 0.999), Quantile(gradients, 0.5)};
+}
+
+GreyStatistics SampleGreyStatistics(const FrameView& frame, InstructionSet set) {
+  const edge_pair::SampleRows rows(frame, 1, set);
+  if (rows.width < 3 || rows.height < 1) return {};
+  // Pieces of kPiece samples, kPerRow in a row, shifted from row to row so that they do
+  // not all stand in the same columns.
+  constexpr int kPiece = 32, kPerRow = 4, kRows = 64, kShift = 5;
+  const int piece = std::min(kPiece, rows.width - 2), gaps = rows.width - piece - 2;
+  const int num_rows = std::min(kRows, rows.height);
+  std::vector<std::uint16_t> values, gradients;
+  values.reserve(std::size_t{kPiece} * kPerRow * kRows);
+  gradients.reserve(std::size_t{kPiece} * kPerRow * kRows);
+  std::uint16_t samples[kPiece + 2 + edge_pair::kSampleSlack];
+  for (int j = 0; j < num_rows; ++j) {
+    const auto y = static_cast<int>((2 * std::int64_t{j} + 1) * rows.height / (2 * num_rows));
+    for (int k = 0; k < kPerRow; ++k) {
+      const int part = (k * kShift * 2 + j * kShift) % (kPerRow * kShift * 2);
+      const auto x = static_cast<int>(std::int64_t{gaps} * part / (kPerRow * kShift * 2)) & ~1;
+      rows.Read(x, y, piece + 2, samples);
+      values.insert(values.end(), samples + 1, samples + 1 + piece);
+      for (int i = 0; i < piece; ++i) {
+        gradients.push_back(static_cast<std::uint16_t>(std::abs(samples[i + 2] - samples[i])));
+      }
     }
   }
   return {Quantile(values, 0.001), Quantile(values, 0.999), Quantile(gradients, 0.5)};

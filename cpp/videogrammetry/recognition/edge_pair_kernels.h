@@ -1,0 +1,39 @@
+#pragma once
+
+// Private to the edge-pair search: the same kernels for each instruction set. The
+// files that define them are compiled with flags of their own, so nothing that is
+// inlined elsewhere may be defined or instantiated in them.
+
+#include <cstddef>
+#include <cstdint>
+
+namespace videogrammetry::edge_pair {
+
+/// How the samples of a row lie in memory, and the kernels' place in their tables.
+enum Storage { kBytes, kWords, kPackedHighFirst, kPackedLowFirst, kNumStorages };
+
+/// Kernels on rows of one storage. They read nothing but the row's own bytes.
+struct Kernels {
+  /// With g(i) = I(i + 2) - I(i), sets bit i % 64 of rises[i / 64] where g > threshold
+  /// and that of falls[i / 64] where g < -threshold: bit i belongs to pixel i + 1. The
+  /// indices of the words with any bit are written to `which`.
+  /// @return how many words those are, of the (width + 61) / 64 written.
+  int (*edges)(const std::uint8_t* row, int width, int threshold, std::uint64_t* rises,
+               std::uint64_t* falls, int* which);
+  /// Bit i of out[j] is set where the sample x + i of the row j is at or above `level`
+  /// (or at or below it); x is even.
+  void (*levels)(const std::uint8_t* row, std::ptrdiff_t stride_bytes, int num_rows, int x,
+                 int width, int level, bool below, std::uint64_t* out);
+  /// Copies samples, combined with `flip` by exclusive or; x is even. May write up to
+  /// kSampleSlack values more.
+  void (*samples)(const std::uint8_t* row, int width, int x, int count, std::uint16_t flip,
+                  std::uint16_t* out);
+};
+constexpr int kSampleSlack = 32;
+
+/// Tables of kNumStorages entries.
+const Kernels* BaselineKernels();
+const Kernels* Avx2Kernels();
+const Kernels* Avx512Kernels();
+
+}  // namespace videogrammetry::edge_pair

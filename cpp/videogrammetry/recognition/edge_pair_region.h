@@ -1,0 +1,75 @@
+#pragma once
+
+// Private to the edge-pair search: the area around a pixel, row by row.
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "videogrammetry/recognition/contour.h"
+#include "videogrammetry/recognition/edge_pair_samples.h"
+
+namespace videogrammetry::edge_pair {
+
+/// A run of pixels of a row.
+struct Run {
+  int left = 0, right = -1;
+  bool empty() const { return right < left; }
+};
+
+/// Grows the area of values at or above a level around a pixel, upwards and
+/// downwards: a row's part is what lies between the ends of the runs that touch the
+/// next row's part. For a convex area, holes or not, that is the 4-connected one;
+/// of any other shape it may be a part, which the caller's test of shape must
+/// refuse. Keeps its memory from one area to the next.
+class RegionGrower {
+ public:
+  /// @param max_extent_px  an area wider or higher than this is given up.
+  RegionGrower(const SampleRows& rows, int max_extent_px);
+
+  /// @return true if the area is closed, within the extent and not ragged: see
+  ///     ContourFollower.
+  bool Grow(int x, int y, int level);
+
+  ContourMoments Moments() const;  ///< after Grow() returned true
+  /// Left end in the row y + i of the start, for i < num_below(); also after a failure.
+  int num_below() const { return num_below_; }
+  int left_below(int i) const { return left_below_[static_cast<std::size_t>(i)]; }
+  int top() const { return top_; }
+  int bottom() const { return bottom_; }
+
+ private:
+  enum class Next { kRun, kEnd, kWider, kFailed };
+
+  // Masks of one word a row around the start, a block at a time: that spares a call
+  // for each row.
+  static constexpr int kBlock = 12;
+  struct Block {
+    std::array<std::uint64_t, kBlock> masks;
+    int first = 0, count = 0;
+  };
+
+  void Restart(int x, int y);
+  Next Area(int x, int y);
+  Next Walk(int direction, Run last);
+  Next Row(int y, int direction, const Run& last, Run* run);
+  Next NarrowRow(int y, int direction, const Run& last, Run* run);
+  Next WideRow(int y, const Run& last, Run* run) const;
+  std::uint64_t Word(int y, int x) const;
+  void Add(int y, const Run& run);
+  bool IsRagged() const;
+
+  const SampleRows& rows_;
+  const int max_extent_;
+  std::vector<int> left_below_;
+  Block block_;
+  bool wide_ = false;
+  int x0_ = 0, y0_ = 0, level_ = 0, window_ = 0;
+  int num_below_ = 0;
+  int left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
+  int sideways_ = 0;  ///< horizontal sides of the border
+  // Sums over the pixels, from (x0_, y0_).
+  std::int64_t n_ = 0, sx_ = 0, sy_ = 0, sxx_ = 0, sxy_ = 0, syy_ = 0;
+};
+
+}  // namespace videogrammetry::edge_pair

@@ -1,0 +1,231 @@
+#include "videogrammetry/recognition/edge_pair_search.h"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <cstdlib>
+#include <optional>
+
+#include "videogrammetry/recognition/edge_pair_region.h"
+#include "videogrammetry/recognition/edge_pair_samples.h"
+#include "videogrammetry/recognition/edge_pair_visits.h"
+#include "videogrammetry/recognition/gradient_threshold.h"
+
+namespace videogrammetry {
+namespace {
+
+using edge_pair::BorderVisits;
+using edge_pair::RegionGrower;
+using edge_pair::Run;
+using edge_pair::SampleRows;
+
+/// Mean deviation of the grey values in a chord's middle half over its contrast, in percent.
+constexpr std::int64_t kMostUnevenPercent = 15;
+/// Pixels of a rise or fall that are looked at, from its inner end.
+constexpr int kLongestEdge = 64;
+/// Pixels beyond a chord's edges that are looked at for the surroundings, and one for
+/// the gradient.
+constexpr int kSurroundings = 9;
+
+/// Grey values along a chord.
+struct Chord {
+  int middle = 0;  ///< a pixel of the area
+  int inside = 0, outside = 0;
+  int level() const { return outside + (inside - outside + 1) / 2; }
+};
+
+class EdgePairSearch {
+ public:
+  EdgePairSearch(const SampleRows& rows, int threshold, const std::array<double, 2>& diameter_px)
+      : rows_(rows),
+        threshold_(threshold),
+        min_diameter_(diameter_px[0]),
+        max_diameter_(diameter_px[1]),
+        max_length_(static_cast<int>(max_diameter_ + 1)),
+        row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
+        visits_(rows.width, (max_length_ + 1) / row_step_ + 2),
+        grower_(rows, max_length_ + 1),
+        line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings) +
+                                       edge_pair::kSampleSlack)) {}
+
+  std::vector<DotRegion> Search() {
+    const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
+    std::vector<std::uint64_t> up(words), down(words);
+    std::vector<int> which(words + 1);
+    // In negated values rises and falls change places.
+    rises_ = rows_.flip == 0 ? up.data() : down.data();
+    falls_ = rows_.flip == 0 ? down.data() : up.data();
+    for (y_ = row_step_ / 2; y_ < rows_.height; y_ += row_step_) {
+      const int found = rows_.kernels->edges(rows_.row(y_), rows_.width, threshold_, up.data(),
+                                             down.data(), which.data());
+      ScanRow(which.data(), found);
+      visits_.Leave(y_ / row_step_);
+    }
+    return std::move(regions_);
+  }
+
+ private:
+  // Goes through the beginnings of falls; those whose nearest edge before is a rise
+  // close a chord.
+  void ScanRow(const int* which, int found) {
+    int last_edge = -1;  // in the words before
+    bool last_rises = false;
+    for (int j = 0; j < found; ++j) {
+      const int i = which[j], base = 64 * i;
+      const std::uint64_t rises = rises_[i], falls = falls_[i], edges = rises | falls;
+      const std::uint64_t before = i > 0 ? falls_[i - 1] >> 63 : 0;
+      std::uint64_t starts = falls & ~(falls << 1 | before);
+      while (starts != 0) {
+        const int bit = std::countr_zero(starts);
+        starts &= starts - 1;
+        const std::uint64_t below = edges & ((std::uint64_t{1} << bit) - 1);
+        int edge = last_edge;
+        bool is_rise = last_rises;
+        if (below != 0) {
+          const int at = 63 - std::countl_zero(below);
+          edge = base + at;
+          is_rise = (rises >> at) & 1;
+        }
+        if (is_rise && base + bit - edge <= max_length_) ClosePair(edge, base + bit);
+      }
+      const int at = 63 - std::countl_zero(edges);
+      last_edge = base + at;
+      last_rises = (rises >> at) & 1;
+    }
+  }
+
+  // First bit of the run that ends with `bit`, and last of the one that begins with it.
+  int RunStart(const std::uint64_t* words, int bit) const {
+    int length = std::countl_one(words[bit / 64] << (63 - bit % 64));
+    if (length == bit % 64 + 1 && bit >= 64) length += std::countl_one(words[bit / 64 - 1]);
+    return bit - std::min(length, kLongestEdge) + 1;
+  }
+  int RunEnd(const std::uint64_t* words, int bit) const {
+    int length = std::countr_one(words[bit / 64] >> (bit % 64));
+    if (length == 64 - bit % 64 && bit / 64 + 1 < (rows_.width + 61) / 64) {
+      length += std::countr_one(words[bit / 64 + 1]);
+    }
+    return bit + std::min(length, kLongestEdge) - 1;
+  }
+
+  void ClosePair(int rise_end, int fall_start) {
+    // Bit i belongs to pixel i + 1.
+    const Run rise{RunStart(rises_, rise_end) + 1, rise_end + 1};
+    const Run fall{fall_start + 1, RunEnd(falls_, fall_start) + 1};
+    if (fall.right - rise.left < 0.6 * min_diameter_) return;
+    if (visits_.SeenEnough(y_ / row_step_, rise.left - 1, rise.right + 1)) return;
+    if (const auto chord = MeasureChord(rise, fall)) Follow(*chord);
+  }
+
+  // Values of a chord and its surroundings; x_ is the first one's pixel.
+  void ReadLine(const Run& rise, const Run& fall) {
+    x_ = std::max(0, rise.left - kSurroundings) & ~1;
+    const int end = std::min(rows_.width, fall.right + kSurroundings + 1);
+    rows_.Read(x_, y_, end - x_, line_.data());
+  }
+  int Value(int x) const { return line_[static_cast<std::size_t>(x - x_)]; }
+
+  int Steepest(const Run& run, int direction) const {
+    int best = run.left, best_gradient = 0;
+    for (int x = run.left; x <= run.right; ++x) {
+      const int g = direction * (Value(x + 1) - Value(x - 1));
+      if (g > best_gradient) {
+        best_gradient = g;
+        best = x;
+      }
+    }
+    return best;
+  }
+
+  // Smallest value within three pixels of the edge and as far as it goes on falling.
+  int Outside(int edge, int step) const {
+    int lowest = Value(edge);
+    int x = edge + step;
+    for (int i = 0; i < 8 && x >= 0 && x < rows_.width; ++i, x += step) {
+      const int value = Value(x);
+      if (value >= lowest && i >= 3) break;
+      lowest = std::min(lowest, value);
+    }
+    return lowest;
+  }
+
+  std::optional<Chord> MeasureChord(const Run& rise, const Run& fall) {
+    ReadLine(rise, fall);
+    const int left = Steepest(rise, 1), right = Steepest(fall, -1);
+    if (right - left < 0.6 * min_diameter_ || right - left > max_length_) return std::nullopt;
+    const int margin = (right - left) / 4, count = right - left - 2 * margin + 1;
+    std::int64_t sum = 0, deviation = 0;
+    for (int x = left + margin; x <= right - margin; ++x) sum += Value(x);
+    Chord chord;
+    chord.inside = static_cast<int>(sum / count);
+    for (int x = left + margin; x <= right - margin; ++x) {
+      deviation += std::abs(Value(x) - chord.inside);
+    }
+    const int left_outside = Outside(left, -1), right_outside = Outside(right, 1);
+    chord.outside = std::max(left_outside, right_outside);
+    chord.middle = (left + right) / 2;
+    const int least_contrast = chord.inside - chord.outside;
+    const int contrast = chord.inside - std::min(left_outside, right_outside);
+    // Even inside, and much the same ground on both sides, the smaller contrast at least
+    // half the larger: not so in texture.
+    if (least_contrast < threshold_ || 2 * least_contrast < contrast ||
+        100 * deviation > kMostUnevenPercent * contrast * count) {
+      return std::nullopt;
+    }
+    return chord;
+  }
+
+  void Follow(const Chord& chord) {
+    const bool closed = grower_.Grow(chord.middle, y_, chord.level());
+    bool accepted = false;
+    if (closed) {
+      const ContourMoments moments = grower_.Moments();
+      accepted = Accept(moments);
+      if (accepted) {
+        const auto zero = static_cast<float>(rows_.flip);
+        regions_.push_back({moments, static_cast<float>(chord.inside) - zero,
+                            static_cast<float>(chord.outside) - zero});
+      }
+    }
+    for (int i = 0; i < grower_.num_below(); i += row_step_) {
+      visits_.Mark((y_ + i) / row_step_, grower_.left_below(i), accepted);
+    }
+  }
+
+  bool Accept(const ContourMoments& m) const {
+    if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return false;
+    // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
+    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return false;
+    const auto ellipse = EllipseFromMoments(m);
+    if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return false;
+    // Half a pixel of freedom: the axes are judged after the fit.
+    return 2 * ellipse->semi_minor_px >= min_diameter_ - 1.0 &&
+           2 * ellipse->semi_major_px <= max_diameter_ + 1.0;
+  }
+
+  const SampleRows rows_;
+  const int threshold_;
+  const double min_diameter_, max_diameter_;
+  const int max_length_;  ///< of a chord, from edge to edge
+  const int row_step_;
+  const std::uint64_t* rises_ = nullptr;
+  const std::uint64_t* falls_ = nullptr;
+  int x_ = 0, y_ = 0;
+  BorderVisits visits_;
+  RegionGrower grower_;
+  std::vector<std::uint16_t> line_;
+  std::vector<DotRegion> regions_;
+};
+
+}  // namespace
+
+std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
+                                      const std::array<double, 2>& diameter_px,
+                                      InstructionSet set) {
+  const SampleRows rows(frame, sign, set);
+  if (rows.width < 3 || rows.height < 3) return {};
+  const int threshold = GradientThreshold(SampleGreyStatistics(frame, set));
+  return EdgePairSearch(rows, threshold, diameter_px).Search();
+}
+
+}  // namespace videogrammetry

@@ -15,12 +15,22 @@ namespace {
 constexpr double kLeastConfidence = 0.999;
 /// Standard deviations of what noise does not explain: of a change's place, in
 /// pixels and in sectors, and of a sector's height.
-constexpr float kPlaceSigmaPx = 0.06f;
-constexpr float kPlaceSigmaSectors = 0.02f;
+constexpr float kPlaceSigmaPx = 0.05f;
+constexpr float kPlaceSigmaSectors = 0.012f;
 constexpr float kHeightSigma = 0.07f;
-/// Largest distance of a change from its border near the ring's inner or outer
-/// border, where fewer pixels are averaged, in sectors.
+/// The same of a change near the ring's inner or outer border, where a third of the
+/// pixels are averaged; by how many of it, and by how much of the square of the blur
+/// over the sector's length (sectors are shorter there, and single ones seem
+/// wider), it may be off its border.
+constexpr float kSinglePlaceSigmaPx = 0.1f;
+constexpr float kSinglePlaceSigmaSectors = 0.02f;
+constexpr float kSingleTimes = 4.5f;
+constexpr float kSingleBlur = 0.8f;
 constexpr float kMaxShiftSingle = 0.3f;
+/// How far single samples may be from what their sector is, as a part of the
+/// light, and in standard deviations of the noise.
+constexpr float kUniform = 0.25f;
+constexpr float kNoiseTimes = 4.5f;
 /// Least difference between the darkest bright and the brightest dark sector,
 /// in units of the dot's contrast; a flash may halve the light along a ring.
 constexpr float kMinStep = 0.3f;
@@ -68,6 +78,11 @@ class BlurTable {
   }
 
   Table leak_, left_, beyond_;
+};
+
+/// Changes, and what to measure them by near the ring's borders.
+struct MeasuredChanges : RingChanges {
+  std::array<float, kMaxCodeBits> level = {}, single_limit = {};
 };
 
 using PerSector = std::array<float, kMaxCodeBits>;
@@ -210,6 +225,35 @@ bool IsClean(const RingSamples& samples, const Sectors& s) {
   return true;
 }
 
+/// Whether every sample is as its sector is, on each circle of the ring, but within a
+/// quarter of a sector of a change: what is left of a hidden sector shows, and so
+/// does a change that stands between two like sectors.
+bool IsUniform(const RingSamples& samples, const Sectors& s) {
+  constexpr int kQuarter = kRingPerSector / 4;
+  const auto& table = BlurTable::Get();
+  const auto n = static_cast<std::size_t>(s.n);
+  for (std::size_t k = 0; k < n; ++k) {
+    const bool bright = s.bright[k];
+    const bool left = s.bright[k == 0 ? n - 1 : k - 1] != bright;
+    const bool right = s.bright[k + 1 == n ? 0 : k + 1] != bright;
+    const int from = left ? kQuarter : 0, to = kRingPerSector - (right ? kQuarter : 0);
+    const float light = s.light[k] * s.left[k];
+    // The blur brings twice the mean's share to the samples nearest to a change.
+    const float spread = kUniform * light + kNoiseTimes * samples.grey_sigma +
+                         2.0f * table.Leak(samples.blur_along[k]) * light *
+                             static_cast<float>(static_cast<int>(left) + static_cast<int>(right));
+    for (const RingCircle* circle : {&samples.inner, &samples.middle, &samples.outer}) {
+      const float* v = circle->data() + kRingPerSector * k;
+      float mean = 0;
+      if (bright) mean = 0.25f * ((v[2] + v[3]) + (v[4] + v[5]));
+      int off = 0;
+      for (int i = from; i < to; ++i) off += std::abs(v[i] - mean) > spread ? 1 : 0;
+      if (off > 0) return false;
+    }
+  }
+  return true;
+}
+
 /// Distance of the change before sector `next` from that border, in sectors, of the
 /// crossing of `level` that is nearest; half a sector where there is none.
 float Shift(const RingCircle& values, int count, int next, float level, bool rises, bool* hidden) {
@@ -232,9 +276,11 @@ float Shift(const RingCircle& values, int count, int next, float level, bool ris
   return nearest;
 }
 
-/// The changes on the ring's mean, and whether those near its borders agree.
+float Hypot3(float a, float b, float c) { return std::sqrt(a * a + b * b + c * c); }
+
+/// The changes on the ring's mean, from their borders.
 bool MeasureChanges(const RingSamples& samples, const RingCircle& ring, const Sectors& s,
-                    RingChanges* changes) {
+                    MeasuredChanges* changes) {
   const int count = kRingPerSector * s.n;
   for (int k = 0; k < s.n; ++k) {
     const auto at = static_cast<std::size_t>(k);
@@ -245,20 +291,34 @@ bool MeasureChanges(const RingSamples& samples, const RingCircle& ring, const Se
     const float shift = Shift(ring, count, k, level, s.bright[at], &hidden);
     if (hidden) continue;
     if (std::abs(shift) > 0.4f) return false;
-    bool unseen = false;
-    for (const RingCircle* circle : {&samples.inner, &samples.outer}) {
-      const float one = Shift(*circle, count, k, level, s.bright[at], &unseen);
-      if (!unseen && std::abs(one) > kMaxShiftSingle) return false;
-    }
     const auto i = static_cast<std::size_t>(changes->count++);
     const float length = 0.5f * (samples.length_px[at] + samples.length_px[before]);
     const float contrast = std::abs(s.plateau[at] - s.plateau[before]);
-    const float noise = 0.7f * samples.edge_sigma_px / contrast;
+    const float noise = samples.edge_sigma_px / (contrast * length);
     changes->border[i] = k;
     changes->shift[i] = shift;
-    changes->sigma[i] =
-        std::sqrt((noise * noise + kPlaceSigmaPx * kPlaceSigmaPx) / (length * length) +
-                  kPlaceSigmaSectors * kPlaceSigmaSectors);
+    changes->sigma[i] = Hypot3(noise, kPlaceSigmaPx / length, kPlaceSigmaSectors);
+    changes->level[i] = level;
+    changes->single_limit[i] = std::min(
+        kMaxShiftSingle, kSingleBlur * samples.blur_along[at] * samples.blur_along[at] +
+                             kSingleTimes * Hypot3(1.7f * noise, kSinglePlaceSigmaPx / length,
+                                                   kSinglePlaceSigmaSectors));
+  }
+  return true;
+}
+
+/// Whether the changes near the ring's borders stand where those on its mean do.
+bool AgreeAcrossTheRing(const RingSamples& samples, const Sectors& s, const MeasuredChanges& changes,
+                        float phase) {
+  for (int i = 0; i < changes.count; ++i) {
+    const auto at = static_cast<std::size_t>(i);
+    const int k = changes.border[at];
+    for (const RingCircle* circle : {&samples.inner, &samples.outer}) {
+      bool hidden = false;
+      const float shift = Shift(*circle, kRingPerSector * s.n, k, changes.level[at],
+                                s.bright[static_cast<std::size_t>(k)], &hidden);
+      if (!hidden && std::abs(shift - phase) > changes.single_limit[at]) return false;
+    }
   }
   return true;
 }
@@ -352,9 +412,10 @@ RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
   }
   const double wrong = WrongSector(samples, s);
   reading.status = RingStatus::kEdgesOff;
-  RingChanges changes;
-  if (!MeasureChanges(samples, ring, s, &changes)) return reading;
+  MeasuredChanges changes;
+  if (!IsUniform(samples, s) || !MeasureChanges(samples, ring, s, &changes)) return reading;
   const double mean = RemovePhase(&changes);
+  if (!AgreeAcrossTheRing(samples, s, changes, static_cast<float>(mean))) return reading;
   if (phase != nullptr) *phase = mean;
   const double foreign = ForeignProbability(changes, s.n);
   if (foreign > 1.0 - kLeastConfidence) return reading;

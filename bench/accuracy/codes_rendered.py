@@ -12,6 +12,10 @@ frame. `dot` is the diameter before the tilt; the tilt is against the line of si
 even over the solid angle up to 70 degrees in half of the frames and even in angle
 in the others.
 
+`hidden` rings have a disc of another grey before a part of them, `hidden alike` one
+that is exactly as black or white as their sticker: where it happens to cover whole
+runs of sectors, what is left is a perfect print of another code, and nothing can tell.
+
 Shown, found and read count coded targets that nothing covers. `wrong` counts every
 other ID, on whatever it stands. Targets that a hot spot touches are a row of their own,
 and dots whose minor axis is below the 5 px that recognition looks for are left out
@@ -238,12 +242,16 @@ def frame(task):
     seconds = time.perf_counter() - start
     gap = np.linalg.norm(targets.centre_px[None] - picture.truth.centre_px[: len(cells), None], axis=-1)
     rows, used = [], set()
+    hidden = [k for k, c in enumerate(cells) if c[0] == "hidden"]
+    covers = dict(zip(hidden, scenery.white[len(cells) :], strict=True))
     confidence = getattr(targets, "id_confidence", np.ones(len(targets)))
     for k, cell in enumerate(cells):
         minor = picture.truth.semi_axes_px[k, 1]
         at = int(gap[k].argmin()) if len(targets) else -1
         found = at >= 0 and gap[k, at] < 0.5 * minor
         kind = cell[0]
+        if kind == "hidden" and covers[k] == (0.06 if white_on_black else 0.8):
+            kind = "hidden alike"
         if kind == "coded":
             kind = "small" if 2 * minor < SMALLEST_PX + 0.5 else kind
             kind = "spot" if touched(renderer, picture.truth, k, cell[4][1]) else kind
@@ -309,13 +317,13 @@ def table(rows):
             mask = coded & (data[key] > low) & (data[key] <= high)
             text = f"S{high:.0f}" if key == "noise" else f"{low:.0f} to {high:.0f}"
             print(f"{label:10} {text:12} {share(part(mask))}")
-    for kind in ("spot", "small", "hidden"):
+    for kind in ("spot", "small", "hidden", "hidden alike"):
         print(f"{kind:23} {share(part(data['kind'] == kind))}")
     others = np.char.startswith(data["kind"].astype(str), "of ")
     for label, mask in (
         ("not read at the bar", bar & data["found"] & ~data["right"]),
         ("not read, all", coded & data["found"] & ~data["right"]),
-        ("hidden", (data["kind"] == "hidden") & data["found"]),
+        ("hidden", np.isin(data["kind"], ("hidden", "hidden alike")) & data["found"]),
         ("other families", others & data["found"]),
         ("mirrored", (data["kind"] == "mirrored") & data["found"]),
     ):

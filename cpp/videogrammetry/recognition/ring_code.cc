@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "videogrammetry/recognition/ring_confidence.h"
@@ -18,6 +19,8 @@ constexpr double kLeastConfidence = 0.999;
 constexpr float kPlaceSigmaPx = 0.05f;
 constexpr float kPlaceSigmaSectors = 0.012f;
 constexpr float kHeightSigma = 0.07f;
+/// Width of a ring whose changes are known half as well (in variance) as the dot's edge.
+constexpr float kNarrowPx = 5.0f;
 /// The same of a change near the ring's inner or outer border, where a third of the
 /// pixels are averaged; by how many of it, and by how much of the square of the blur
 /// over the sector's length (sectors are shorter there, and single ones seem
@@ -244,10 +247,14 @@ bool IsUniform(const RingSamples& samples, const Sectors& s) {
                              static_cast<float>(static_cast<int>(left) + static_cast<int>(right));
     for (const RingCircle* circle : {&samples.inner, &samples.middle, &samples.outer}) {
       const float* v = circle->data() + kRingPerSector * k;
-      float mean = 0;
-      if (bright) mean = 0.25f * ((v[2] + v[3]) + (v[4] + v[5]));
+      // Glare on a bright sector is no fault, what is too dark there may hide something.
+      float low = -spread, high = spread;
+      if (bright) {
+        low = std::min(0.25f * ((v[2] + v[3]) + (v[4] + v[5])), light) - spread;
+        high = std::numeric_limits<float>::infinity();
+      }
       int off = 0;
-      for (int i = from; i < to; ++i) off += std::abs(v[i] - mean) > spread ? 1 : 0;
+      for (int i = from; i < to; ++i) off += (v[i] < low ? 1 : 0) + (v[i] > high ? 1 : 0);
       if (off > 0) return false;
     }
   }
@@ -297,7 +304,10 @@ bool MeasureChanges(const RingSamples& samples, const RingCircle& ring, const Se
     const float noise = samples.edge_sigma_px / (contrast * length);
     changes->border[i] = k;
     changes->shift[i] = shift;
-    changes->sigma[i] = Hypot3(noise, kPlaceSigmaPx / length, kPlaceSigmaSectors);
+    // The dot's edge is a mean over profiles; of a narrow ring's fewer pixels are averaged.
+    const float width_px = samples.length_px[at] * samples.blur_along[at] / samples.blur_across[at];
+    changes->sigma[i] = Hypot3(noise * std::sqrt(1.0f + kNarrowPx / width_px),
+                               kPlaceSigmaPx / length, kPlaceSigmaSectors);
     changes->level[i] = level;
     changes->single_limit[i] = std::min(
         kMaxShiftSingle, kSingleBlur * samples.blur_along[at] * samples.blur_along[at] +

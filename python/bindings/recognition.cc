@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include <cstdint>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -66,6 +67,9 @@ py::dict ToArrays(const std::vector<Target>& targets) {
       Column<double>(targets, [](const Target& t) { return t.edge.inside - t.edge.outside; });
   out["ring_status"] = Column<std::uint8_t>(
       targets, [](const Target& t) { return static_cast<std::uint8_t>(t.ring.status); });
+  out["id_confidence"] = Column<double>(targets, [](const Target& t) {
+    return t.ring.id ? t.ring.confidence : std::numeric_limits<double>::quiet_NaN();
+  });
   return out;
 }
 
@@ -175,6 +179,7 @@ void BindRecognition(py::module_& parent) {
       .def_readonly("ring_inner", &CodeFamily::ring_inner)
       .def_readonly("ring_outer", &CodeFamily::ring_outer)
       .def_readonly("codes", &CodeFamily::codes);
+  m.def("one_sector_apart", &OneSectorApart, "family"_a);
   m.def("code_family_names", &CodeFamilyNames);
   m.def("named_code_family", &NamedCodeFamily, "name"_a);
   m.def("recognize", &RecognizeArray<std::uint8_t>, "image"_a.noconvert(), "options"_a, "family"_a);

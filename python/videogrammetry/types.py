@@ -98,6 +98,8 @@ class Targets:
     edge_rms_px : (N,) RMS distance of the edge points from the ellipse.
     contrast : (N,) grey-value difference across the edge, in grey levels.
     ring_status : (N,) index into ``RING_STATUS``: why a target has no ID.
+    id_confidence : (N,) probability that the ID is right, NaN where there is none
+        (or where nothing is known of it); what it means: docs/method.md, section 1.
     """
 
     centre_px: FloatArray
@@ -108,6 +110,11 @@ class Targets:
     edge_rms_px: FloatArray
     contrast: FloatArray
     ring_status: npt.NDArray[np.uint8]
+    id_confidence: FloatArray = None  # type: ignore[assignment]  # filled in below
+
+    def __post_init__(self) -> None:
+        if self.id_confidence is None:
+            object.__setattr__(self, "id_confidence", np.full(len(self.id), np.nan))
 
     def __len__(self) -> int:
         return len(self.id)

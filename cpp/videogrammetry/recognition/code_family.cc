@@ -79,6 +79,29 @@ void CodeFamily::Index() {
   for (std::size_t i = 0; i < codes.size(); ++i) {
     id_of_.emplace(codes[i], static_cast<int>(i) + 1);
   }
+  indexed_bits_ = num_bits;
+  fault_ = num_bits >= 4 && num_bits <= kMaxCodeBits ? CodesFault() : "";
+}
+
+std::string CodeFamily::CodesFault() const {
+  for (std::size_t i = 0; i < codes.size(); ++i) {
+    const int id = static_cast<int>(i) + 1;
+    const std::string code = std::to_string(codes[i]) + " (ID " + std::to_string(id) + ")";
+    if (codes[i] > AllOnes(num_bits) || CanonicalCode(codes[i], num_bits) != codes[i]) {
+      return "codes: " + code + " is not the smallest rotation of " + std::to_string(num_bits) +
+             " bits";
+    }
+    if (codes[i] == 0 || codes[i] == AllOnes(num_bits)) {
+      return "codes: " + code + " has no border between bright and dark to find its sectors by";
+    }
+    const int first = id_of_.at(codes[i]);
+    if (first != id) {
+      return "codes: IDs " + std::to_string(first) + " and " + std::to_string(id) +
+             " are the same code or rotations of one (" + std::to_string(codes[i]) +
+             "): one is given twice";
+    }
+  }
+  return "";
 }
 
 void CodeFamily::Check() const {
@@ -91,14 +114,21 @@ void CodeFamily::Check() const {
                                 std::to_string(ring_inner) + " and " + std::to_string(ring_outer));
   }
   if (codes.empty()) throw std::invalid_argument("codes: expected at least one, got none");
-  for (const std::uint32_t code : codes) {
-    if (code > AllOnes(num_bits) || CanonicalCode(code, num_bits) != code) {
-      throw std::invalid_argument("codes: " + std::to_string(code) +
-                                  " is not the smallest rotation of " + std::to_string(num_bits) +
-                                  " bits");
+  if (!fault_.empty()) throw std::invalid_argument(fault_);
+  if (indexed_bits_ != num_bits || id_of_.size() != codes.size()) {
+    throw std::invalid_argument("codes: changed since Index() was called");
+  }
+}
+
+std::optional<std::pair<int, int>> OneSectorApart(const CodeFamily& family) {
+  for (std::size_t i = 0; i < family.codes.size(); ++i) {
+    for (int bit = 0; bit < family.num_bits; ++bit) {
+      const std::uint32_t other = family.codes[i] ^ (std::uint32_t{1} << bit);
+      const auto id = family.IdOf(CanonicalCode(other, family.num_bits));
+      if (id) return std::pair(static_cast<int>(i) + 1, *id);
     }
   }
-  if (id_of_.size() != codes.size()) throw std::invalid_argument("codes: one is given twice");
+  return std::nullopt;
 }
 
 CodeFamily SchneiderFamily(int num_bits) {

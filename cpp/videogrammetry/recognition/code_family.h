@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "videogrammetry/recognition/options.h"
@@ -33,16 +34,27 @@ struct CodeFamily {
   /// Number of a canonical code, from 1.
   std::optional<int> IdOf(std::uint32_t canonical_code) const;
 
+  /// Costs nothing: Index() has looked at the codes.
   /// @throws std::invalid_argument naming what is wrong: bits not in 4 ... 24,
-  ///   radii not 1 < inner < outer <= 10, a code not canonical or given twice.
+  ///   radii not 1 < inner < outer <= 10, a code not canonical, all dark or all
+  ///   bright, or given twice (with both IDs).
   void Check() const;
 
-  /// Fills the look-up table after `codes` has changed.
+  /// Fills the look-up table and checks the codes, after `num_bits` or `codes` has changed.
   void Index();
 
  private:
+  std::string CodesFault() const;
+
   std::unordered_map<std::uint32_t, int> id_of_;
+  int indexed_bits_ = 0;
+  std::string fault_;
 };
+
+/// The first two IDs whose codes are one sector apart in some rotation: where one
+/// wrongly read sector turns one ID into another. nullopt: the codes' minimum cyclic
+/// distance is 2 or more.
+std::optional<std::pair<int, int>> OneSectorApart(const CodeFamily& family);
 
 /// Schneider's (AICON's, PhotoModeler's) rule: canonical codes in ascending
 /// order with even parity, at least one pair of opposite ones, not all ones;

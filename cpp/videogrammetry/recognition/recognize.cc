@@ -91,8 +91,10 @@ std::vector<Target> RecognizeChecked(const ImageView<T>& image, const Recognitio
     if (edge && !IsKnown(edge->ellipse, targets)) targets.push_back({*edge, {}});
   }
   if (family.num_bits > 0) {
+    WindowReader reader(image, picture.sign());
     for (Target& target : targets) {
-      target.ring = ReadRing(picture, target.edge, family, options.direction);
+      const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
+      target.ring = ReadRing(window, target.edge, family, options.direction);
     }
     RemoveRingPieces(family, &targets);
     ResolveDuplicates(&targets);

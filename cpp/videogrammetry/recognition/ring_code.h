@@ -24,32 +24,39 @@ enum class RingStatus : std::uint8_t {
 struct RingReading {
   RingStatus status = RingStatus::kNoRing;
   std::optional<int> id;
-  /// How well the ring agrees: least distance of a sector from the half-way
-  /// level, 0 ... 0.5, less the largest distance of a change from its border
-  /// in sectors. Meaningful for kCoded alone.
+  /// How well the ring agrees: half the step between dark and bright sectors (at
+  /// most 0.5), less the largest distance of a change from its border in sectors.
+  /// Meaningful where there is an ID.
   double quality = 0.0;
+  /// Probability that the ID is right, in the sense of ring_confidence.h: 0.999 or
+  /// more where there is an ID, 0 elsewhere.
+  double confidence = 0.0;
 };
 
 /// Reads the code of sampled rings: step 6 of the local Canny.
 ///
-/// - The gap between dot and ring is dark all around.
-/// - The changes between bright and dark along the ring give the phase of the
-///   sectors' borders by least squares on the circle.
-/// - The sectors' grey values are two separate groups; bright ones end before
-///   the gap and beyond the ring, dark ones are dark up to both. Light may
-///   change evenly across the target.
-/// - Each change, at the level half-way between its two sectors, lies within a
-///   quarter of a sector of its border, near the ring's inner and outer border
-///   too (a third: fewer pixels).
+/// - The sectors' grey values, freed from what the blur brings over from their
+///   neighbours and takes across the ring's borders, are two separate groups.
+///   Bright ones end before the gap and beyond the ring, dark ones are dark up to
+///   both. Light may change evenly across the target.
+/// - Each change, at the level half-way between its two sectors, falls on a
+///   sector's border, near the ring's inner and outer border too, as nearly as
+///   the dot's own edge was found: ring_confidence.h weighs it against rings of
+///   other families and rings that something covers in part.
 /// - The code is in the family's table.
 /// A minimum cyclic distance of 2 means that one wrong sector is detected,
-/// never corrected: nothing is guessed.
+/// never corrected: nothing is guessed, and a ring that is covered in part has no ID.
+///
+/// @param phase  receives how far the first sector truly begins after the samples, in sectors.
 RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
-                     ReadingDirection direction);
+                     ReadingDirection direction, double* phase = nullptr);
 
-/// Samples and reads; kNoRing and kRingCut are found on the way.
-template <typename T>
-RingReading ReadRing(const SignedImage<T>& image, const TargetEdge& dot, const CodeFamily& family,
+/// Samples and reads. kNoRing is found by a first look at four samples a sector:
+/// fewer than two of them in the ring's middle are brighter than 0.3 of the dot's
+/// contrast (a bright sector that can be read holds three or four such), or the gap
+/// between dot and ring is bright in more than one direction of thirty. kRingCut:
+/// the window ends before the ring's inner part does; let ReadRingWindow() read it.
+RingReading ReadRing(const GreyWindow& window, const TargetEdge& dot, const CodeFamily& family,
                      ReadingDirection direction);
 
 }  // namespace videogrammetry

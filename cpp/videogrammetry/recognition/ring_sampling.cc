@@ -1,68 +1,162 @@
 #include "videogrammetry/recognition/ring_sampling.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numbers>
-
-#include "videogrammetry/recognition/ellipse_fit.h"
+#include <vector>
 
 namespace videogrammetry {
+namespace {
 
-template <typename T>
-std::vector<float> SampleCircle(const SignedImage<T>& image, const TargetEdge& dot, double radius,
-                                int count) {
-  const EllipseFrame frame = EllipseFrame::From(dot.ellipse);
-  const Eigen::Matrix2d scaled = radius * frame.shape;
-  const Eigen::Vector2d reach = scaled.rowwise().norm();
-  const double scale = 1.0 / (dot.inside - dot.outside);
-  const Eigen::Matrix2d next = Eigen::Rotation2Dd(2 * std::numbers::pi / count).toRotationMatrix();
-  Eigen::Vector2d u(1.0, 0.0);
-  std::vector<float> x(static_cast<std::size_t>(count)), y(x.size()), values(x.size());
-  for (std::size_t k = 0; k < x.size(); ++k, u = next * u) {
-    const Eigen::Vector2d p = frame.center + scaled * u;
-    x[k] = static_cast<float>(p.x());
-    y[k] = static_cast<float>(p.y());
-  }
-  if (image.CoversAround(frame.center.x(), frame.center.y(), reach.x(), reach.y())) {
-    image.Sample(x.data(), y.data(), count, values.data());
-  } else {
-    for (std::size_t k = 0; k < x.size(); ++k) {
-      values[k] = image.Covers(x[k], y[k]) ? image.Bilinear(x[k], y[k])
-                                           : std::numeric_limits<float>::quiet_NaN();
+/// cos and sin of the directions of a circle's samples.
+template <int kPerSector>
+struct Directions {
+  std::array<float, kPerSector * kMaxCodeBits> cosine = {}, sine = {};
+
+  Directions(int num_bits, double offset) {
+    const int count = kPerSector * num_bits;
+    for (int i = 0; i < count; ++i) {
+      const double t = 2 * std::numbers::pi * (i + offset) / count;
+      cosine[static_cast<std::size_t>(i)] = static_cast<float>(std::cos(t));
+      sine[static_cast<std::size_t>(i)] = static_cast<float>(std::sin(t));
     }
   }
-  for (float& value : values) value = static_cast<float>((value - dot.outside) * scale);
-  return values;
+};
+
+/// One table for every number of sectors, built once.
+template <int kPerSector>
+const Directions<kPerSector>& DirectionsOf(int num_bits) {
+  static const auto tables = [] {
+    std::vector<Directions<kPerSector>> all;
+    for (int n = 0; n <= kMaxCodeBits; ++n) all.emplace_back(n, 0.5);
+    return all;
+  }();
+  return tables[static_cast<std::size_t>(num_bits)];
 }
 
-template <typename T>
-std::optional<RingSamples> SampleRing(const SignedImage<T>& image, const TargetEdge& dot,
-                                      double ring_inner, double ring_outer, int num_bits) {
-  constexpr int kPerSector = 12;
-  const double width = ring_outer - ring_inner;
-  const int count = kPerSector * num_bits;
-  RingSamples s;
-  s.per_sector = kPerSector;
-  s.inner = SampleCircle(image, dot, ring_inner + 0.2 * width, count);
-  if (std::any_of(s.inner.begin(), s.inner.end(), [](float v) { return std::isnan(v); })) {
-    return std::nullopt;
+}  // namespace
+
+/// E R(turn).
+struct RingSampler::Turned {
+  double xx, xy, yx, yy;
+
+  Turned(const RingSampler& s, double turn_rad) {
+    const double c = std::cos(turn_rad), n = std::sin(turn_rad);
+    xx = s.xx_ * c + s.xy_ * n;
+    xy = s.xy_ * c - s.xx_ * n;
+    yx = s.xy_ * c + s.yy_ * n;
+    yy = s.yy_ * c - s.xy_ * n;
   }
-  s.gap = SampleCircle(image, dot, 1.0 + 0.55 * (ring_inner - 1.0), count);
-  s.middle = SampleCircle(image, dot, ring_inner + 0.5 * width, count);
-  s.outer = SampleCircle(image, dot, ring_outer - 0.2 * width, count);
-  s.outside = SampleCircle(image, dot, ring_outer + 0.2 * width, count);
-  return s;
+};
+
+RingSampler::RingSampler(const GreyWindow& window, const TargetEdge& dot, const CodeFamily& family)
+    : window_(window), family_(family), x_(dot.ellipse.x_px), y_(dot.ellipse.y_px) {
+  // E = R diag(a, b) R^T, as EllipseFrame has it.
+  const double c = std::cos(dot.ellipse.angle_rad), s = std::sin(dot.ellipse.angle_rad);
+  const double a = dot.ellipse.semi_major_px, b = dot.ellipse.semi_minor_px;
+  xx_ = a * c * c + b * s * s;
+  xy_ = (a - b) * c * s;
+  yy_ = a * s * s + b * c * c;
+  outside_ = static_cast<float>(dot.outside);
+  scale_ = static_cast<float>(1.0 / (dot.inside - dot.outside));
+  blur_px_ = std::clamp(dot.width_px, 0.4, 0.5 * b);
+  edge_sigma_px_ = dot.edge_rms_px;
 }
 
-#define VG_INSTANTIATE(T)                                                                          \
-  template std::vector<float> SampleCircle(const SignedImage<T>&, const TargetEdge&, double, int); \
-  template std::optional<RingSamples> SampleRing(const SignedImage<T>&, const TargetEdge&, double, \
-                                                 double, int);
-VG_INSTANTIATE(std::uint8_t)
-VG_INSTANTIATE(std::uint16_t)
-#undef VG_INSTANTIATE
+bool RingSampler::Circle(const Turned& turned, double radius, int per_sector,
+                         float* values) const {
+  const int count = per_sector * family_.num_bits;
+  const float *cosine, *sine;
+  if (per_sector == kRingPerSector) {
+    const auto& table = DirectionsOf<kRingPerSector>(family_.num_bits);
+    cosine = table.cosine.data(), sine = table.sine.data();
+  } else {
+    const auto& table = DirectionsOf<kBesidePerSector>(family_.num_bits);
+    cosine = table.cosine.data(), sine = table.sine.data();
+  }
+  const auto xx = static_cast<float>(radius * turned.xx), xy = static_cast<float>(radius * turned.xy);
+  const auto yx = static_cast<float>(radius * turned.yx), yy = static_cast<float>(radius * turned.yy);
+  const auto cx = static_cast<float>(x_), cy = static_cast<float>(y_);
+  std::array<float, kRingPerSector * kMaxCodeBits> x, y;
+  for (int i = 0; i < count; ++i) {
+    x[static_cast<std::size_t>(i)] = cx + (xx * cosine[i] + xy * sine[i]);
+    y[static_cast<std::size_t>(i)] = cy + (yx * cosine[i] + yy * sine[i]);
+  }
+  const double reach_x = radius * std::hypot(xx_, xy_), reach_y = radius * std::hypot(xy_, yy_);
+  bool whole = window_.Covers(x_ - reach_x - 0.01, y_ - reach_y - 0.01) &&
+               window_.Covers(x_ + reach_x + 0.01, y_ + reach_y + 0.01);
+  if (whole) {
+    window_.Sample(x.data(), y.data(), count, values);
+  } else {
+    whole = true;
+    for (int i = 0; i < count; ++i) {
+      const float px = x[static_cast<std::size_t>(i)], py = y[static_cast<std::size_t>(i)];
+      const bool covered = window_.Covers(px, py);
+      values[i] = covered ? window_.Bilinear(px, py) : std::numeric_limits<float>::quiet_NaN();
+      whole &= covered;
+    }
+  }
+  for (int i = 0; i < count; ++i) values[i] = (values[i] - outside_) * scale_;
+  return whole;
+}
+
+bool RingSampler::Middle(BesideCircle* values) const {
+  const double turn = -std::numbers::pi / (kBesidePerSector * family_.num_bits);
+  return Circle(Turned(*this, turn), 0.5 * (family_.ring_inner + family_.ring_outer),
+                kBesidePerSector, values->data());
+}
+
+void RingSampler::Gap(BesideCircle* values) const {
+  Circle(Turned(*this, 0.0), 1.0 + 0.55 * (family_.ring_inner - 1.0), kBesidePerSector,
+         values->data());
+}
+
+bool RingSampler::Sample(double phase, RingSamples* samples) const {
+  const int n = family_.num_bits;
+  const double sector_rad = 2 * std::numbers::pi / n;
+  const double inner = family_.ring_inner, width = family_.ring_outer - family_.ring_inner;
+  const Turned turned(*this, phase * sector_rad);
+  samples->num_bits = n;
+  if (!Circle(turned, inner + 0.2 * width, kRingPerSector, samples->inner.data())) return false;
+  Circle(turned, inner + 0.5 * width, kRingPerSector, samples->middle.data());
+  Circle(turned, inner + 0.8 * width, kRingPerSector, samples->outer.data());
+  Circle(turned, inner + 1.2 * width, kBesidePerSector, samples->outside.data());
+  // A border of two sectors runs along E u: sectors are rho dt det E / |E u| long
+  // across it. The ring's borders have the normal E^-1 u: |E^-1 u| = |E u'| / det E
+  // with u' at right angles to u, and the ring is (outer - inner) / |E^-1 u| wide.
+  const double det = xx_ * yy_ - xy_ * xy_;
+  const double length = (inner + 0.5 * width) * sector_rad * det;
+  const auto along = static_cast<float>(blur_px_ / length);
+  const auto across = static_cast<float>(blur_px_ / (det * width));
+  const auto exx = static_cast<float>(turned.xx), exy = static_cast<float>(turned.xy);
+  const auto eyx = static_cast<float>(turned.yx), eyy = static_cast<float>(turned.yy);
+  const auto& table = DirectionsOf<1>(n);
+  const auto blur = static_cast<float>(blur_px_);
+  for (int k = 0; k < n; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    const float c = table.cosine[at], s = table.sine[at];
+    const float ux = exx * c + exy * s, uy = eyx * c + eyy * s;
+    const float vx = exy * c - exx * s, vy = eyy * c - eyx * s;
+    samples->blur_along[at] = along * std::sqrt(ux * ux + uy * uy);
+    samples->blur_across[at] = across * std::sqrt(vx * vx + vy * vy);
+    samples->length_px[at] = blur / samples->blur_along[at];
+  }
+  samples->edge_sigma_px = static_cast<float>(edge_sigma_px_);
+  // An edge's slope is 1 / (sqrt(2 pi) blur).
+  samples->grey_sigma = static_cast<float>(edge_sigma_px_ / (2.507 * blur_px_));
+  return true;
+}
+
+GreyWindow ReadRingWindow(const TargetEdge& dot, const CodeFamily& family, WindowReader* reader) {
+  const Ellipse& e = dot.ellipse;
+  const double radius = family.ring_outer + 0.2 * (family.ring_outer - family.ring_inner);
+  const double c = std::cos(e.angle_rad), s = std::sin(e.angle_rad);
+  const double reach_x = radius * std::hypot(e.semi_major_px * c, e.semi_minor_px * s) + 1.0;
+  const double reach_y = radius * std::hypot(e.semi_major_px * s, e.semi_minor_px * c) + 1.0;
+  return reader->Read(
+      static_cast<int>(std::floor(e.x_px - reach_x)), static_cast<int>(std::floor(e.y_px - reach_y)),
+      static_cast<int>(std::ceil(e.x_px + reach_x)), static_cast<int>(std::ceil(e.y_px + reach_y)));
+}
 
 }  // namespace videogrammetry

@@ -1,6 +1,6 @@
 """Recognition: pictures to targets."""
 
-from videogrammetry.recognition.codes import CODE_FAMILIES, CodeFamily, code_family
+from videogrammetry.recognition.codes import CODE_FAMILIES, CodeFamily, code_family, mirror_images
 from videogrammetry.recognition.options import RING_STATUS, RecognitionOptions
 from videogrammetry.recognition.recognize import recognize
 from videogrammetry.recognition.sequence import TargetSequence, recognize_sequence
@@ -12,6 +12,7 @@ __all__ = [
     "RecognitionOptions",
     "TargetSequence",
     "code_family",
+    "mirror_images",
     "recognize",
     "recognize_sequence",
 ]

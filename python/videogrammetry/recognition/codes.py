@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import tomllib
+import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -13,7 +15,7 @@ from videogrammetry._core import recognition as _core
 #: Names that ``code_family`` knows.
 CODE_FAMILIES: tuple[str, ...] = tuple(_core.code_family_names())
 
-_KEYS = ("name", "bits", "ring", "codes")
+_KEYS = ("name", "bits", "ring", "codes", "min_distance")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +42,17 @@ class CodeFamily:
     def __len__(self) -> int:
         return len(self.codes)
 
+    @cached_property
+    def core(self) -> _core.CodeFamily:
+        """The family as the C++ core takes it: checked and indexed once.
+
+        Raises
+        ------
+        ValueError
+            It is no family that could be read.
+        """
+        return _core.CodeFamily(self.name, self.bits, *self.ring, list(self.codes))
+
 
 def code_family(name_or_path: str | Path) -> CodeFamily:
     """Return the code family of a name, or read one from a table file.
@@ -52,7 +65,11 @@ def code_family(name_or_path: str | Path) -> CodeFamily:
         ring = [2.0, 3.0]
         codes = [65, 71, 75]
 
-    Codes may be given in any rotation.
+    Codes may be given in any rotation. Two codes that differ in one sector (in some
+    rotation) are refused: a sector read wrongly would turn one ID into the other. For
+    targets that are printed already, ``min_distance = 1`` lets them pass with a
+    warning. Mirror images of one another are no fault as long as no picture is
+    mirrored: :func:`mirror_images` names them.
 
     Parameters
     ----------
@@ -67,7 +84,13 @@ def code_family(name_or_path: str | Path) -> CodeFamily:
     ------
     ValueError
         The name is unknown, or the file is malformed: the message names the
-        file, the key, what was expected and what was found.
+        file, the key, what was expected and what was found; of codes too much
+        alike, their two IDs.
+
+    Warns
+    -----
+    UserWarning
+        ``min_distance = 1`` and two codes are one sector apart.
 
     Examples
     --------
@@ -117,6 +140,9 @@ def _read_table(path: Path) -> CodeFamily:
     wrong = next((c for c in codes if not 0 < c < 1 << bits), None)
     if wrong is not None:
         raise ValueError(f"{path}: codes: {wrong} does not fit into {bits} bits")
+    distance = table.get("min_distance", 2)
+    if not _is_integer(distance) or distance not in (1, 2):
+        raise ValueError(f"{path}: min_distance: expected 1 or 2, got {distance!r}")
     family = CodeFamily(
         name=str(table.get("name", path.stem)),
         bits=bits,
@@ -124,10 +150,51 @@ def _read_table(path: Path) -> CodeFamily:
         codes=tuple(_canonical(c, bits) for c in codes),
     )
     try:
-        to_core(family)
+        core = family.core
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    near = _core.one_sector_apart(core)
+    if near is not None:
+        _one_sector_apart(path, family, near, refuse=distance > 1)
     return family
+
+
+def _one_sector_apart(
+    path: Path, family: CodeFamily, ids: tuple[int, int], *, refuse: bool
+) -> None:
+    first, second = (f"ID {i} (code {family.codes[i - 1]})" for i in ids)
+    text = (
+        f"{path}: codes: {first} and {second} differ in one sector: read wrongly, "
+        "one becomes the other"
+    )
+    if refuse:
+        raise ValueError(
+            f"{text}; leave one of them out, or set min_distance = 1 if they are printed already"
+        )
+    warnings.warn(text, stacklevel=4)
+
+
+def mirror_images(family: CodeFamily) -> tuple[tuple[int, int], ...]:
+    """Pairs of IDs whose codes are mirror images of one another, each pair once.
+
+    In a mirrored picture (or one read in the wrong direction) each of the two is read as
+    the other; codes without such a partner are refused as ``mirrored``, and codes
+    that are their own mirror image are read as themselves.
+
+    Examples
+    --------
+    >>> family = CodeFamily(name="ours", bits=6, ring=(2.0, 3.0), codes=(9, 11, 13))
+    >>> mirror_images(family)
+    ((2, 3),)
+    """
+    number = {code: i for i, code in enumerate(family.codes, start=1)}
+    pairs = []
+    for i, code in enumerate(family.codes, start=1):
+        mirrored = _canonical(int(f"{code:0{family.bits}b}"[::-1], 2), family.bits)
+        partner = number.get(mirrored)
+        if partner is not None and i < partner:
+            pairs.append((i, partner))
+    return tuple(pairs)
 
 
 def _is_integer(value: Any) -> TypeGuard[int]:
@@ -141,4 +208,4 @@ def _canonical(code: int, bits: int) -> int:
 
 def to_core(family: CodeFamily) -> _core.CodeFamily:
     """Return the family as the C++ core takes it."""
-    return _core.CodeFamily(family.name, family.bits, *family.ring, list(family.codes))
+    return family.core

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from videogrammetry import recognition
 from videogrammetry.recognition import RecognitionOptions, code_family, recognize
 from videogrammetry.rendering import Background, Illumination, Renderer, SceneTargets, Sensor
+from videogrammetry.sequence.packing import pack_12bit
 from videogrammetry.types import RigCamera
 
 METHODS = ("edge-pair", "local-canny")
@@ -79,7 +81,7 @@ def make_scene(
     tilt_deg=45.0,
     clutter=0.6,
 ):
-    """A picture of grid[0] x grid[1] (or the first ``count``) targets at random sub-pixel places."""
+    """A picture of grid[0] x grid[1] targets, or ``count`` of them, at random places."""
     rng = np.random.default_rng([seed, 77])
     family = code_family("schneider-14")
     width, height = size
@@ -210,11 +212,10 @@ def match(truth_px, found_px, limit_px=1.0):
     return hit, np.setdiff1d(np.arange(len(found_px)), hit)
 
 
-def packed_photron(image):
-    """12-bit samples two in three bytes, most significant bit first; (H, 3 W / 2) uint8."""
-    a, b = image[:, ::2].astype(np.uint16), image[:, 1::2].astype(np.uint16)
-    out = np.empty((image.shape[0], a.shape[1], 3), np.uint8)
-    out[..., 0] = a >> 4
-    out[..., 1] = (a & 15) << 4 | b >> 8
-    out[..., 2] = b & 255
-    return out.reshape(image.shape[0], -1)
+def packed_frame(image):
+    """The picture's 12-bit samples packed as in Photron's files, as recognition takes them.
+
+    None where recognition has no such frames: ``videogrammetry.recognition.PackedFrame``.
+    """
+    kind = getattr(recognition, "PackedFrame", None)
+    return None if kind is None else kind(pack_12bit(image), image.shape)

@@ -11,9 +11,10 @@ the truth within 1 px.
 `RMS` of the centres per coordinate in px; `bound` the RMS of each found target's
 own bound (centre_bound.py; beforehand known are the PSF's range and the size of
 the light's changes); `ratio` one over the other with its bar; `bias` the mean
-errors with their standard error, missed if more than two of these beyond 0.001 px; `chi` the RMS of error over
-predicted deviation, bar 0.8 to 1.2; `us a dot` the whole recognition's time over
-the dots found, the median over the pictures. A row ends with the bars it misses.
+errors with their standard error, missed if more than two of these beyond 0.001
+px; `chi` the RMS of error over predicted deviation, bar 0.8 to 1.2; `us a dot`
+the whole recognition's processor time over the dots found, the median over the pictures.
+A row ends with the bars it misses.
 """
 
 from __future__ import annotations
@@ -76,9 +77,9 @@ def one_picture(work):
         least = bounds(scene, noise)
         for method, estimator in chosen:
             options = RecognitionOptions(method=method, estimator=estimator)
-            begin = time.perf_counter()
+            begin = time.thread_time()
             targets = recognize(image, options)
-            seconds = time.perf_counter() - begin
+            seconds = time.thread_time() - begin
             hit, false = rendered.match(scene.centre_px, targets.centre_px)
             found = hit >= 0
             kept = hit[found]
@@ -181,8 +182,8 @@ def main():
             for row in rows:
                 collected[row["key"]].append(row)
     table = [summary(key, rows) for key, rows in collected.items()]
+    print(f"{49 * pictures} targets in {pictures} pictures of {args.bits} bits")
     print(
-        f"{table[0]['targets'] if table else 0} targets in {pictures} pictures of {args.bits} bits\n"
         "noise  method      estimator      recall  false   read wrong   RMS px    bound  ratio"
         "   bar    bias x    bias y  +-sigma    chi us a dot  misses"
     )

@@ -18,6 +18,8 @@ using Matrix52d = Eigen::Matrix<double, 5, 2>;
 
 /// Half the band's breadth: spreads of the edge and pixels beyond.
 constexpr double kBandSpreads = 2.0, kBandPx = 0.5;
+/// Least cosine between a gradient and the way to the centre.
+constexpr double kLeastInward = 0.7;
 /// The plateaus begin so many spreads from the edge; outside a ring begins at twice
 /// the radius.
 constexpr double kPlateauSpreads = 2.5, kPlateauPx = 2.0, kMostOutside = 0.7;
@@ -27,7 +29,7 @@ constexpr double kRounding = 1.0 / 12.0;
 constexpr double kMarginPx = 6.0;
 /// Standard deviation of a centre's coordinate without noise, of the axes twice that:
 /// RMS over places and shapes of rendered dots of 8 to 20 px, blur 0.6 to 0.8 px.
-constexpr double kSamplingPx = 0.005;
+constexpr double kSamplingPx = 0.0025;
 /// A fit that leaves the start by more than this has found something else.
 constexpr double kMostMovedPx = 0.5, kMostResizedPx = 0.8;
 
@@ -60,8 +62,8 @@ std::vector<Pixel> BandPixels(const GreyWindow& window, const EllipseFrame& fram
       const Eigen::Vector2d g(0.5 * (window(x + 1, y) - window(x - 1, y)),
                               0.5 * (window(x, y + 1) - window(x, y - 1)));
       const Eigen::Vector2d h = frame.shape * g;
-      // Inward, as a bright dot's is: what points outward is noise or something else.
-      if (h.dot(v) < 0.0) pixels.push_back({x, y, v, h});
+      // Inward, as a bright dot's is: what points elsewhere is noise or something else.
+      if (-h.dot(v) > kLeastInward * h.norm() * v.norm()) pixels.push_back({x, y, v, h});
     }
   }
   return pixels;

@@ -1,7 +1,7 @@
 """Recognition on rendered pictures of known truth: 8 to 20 px dots on clutter.
 
     python bench/accuracy/recognition_rendered.py [--data FOLDER] [--list]
-        [--estimator mean-gradient | model]
+        [--estimator mean-gradient | dual-conic | model]
 
 RMS of the centres per coordinate; `sigma` is the median predicted standard
 deviation, `chi` the RMS of error over predicted deviation (1: the covariance
@@ -91,7 +91,9 @@ def main():
     default = os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data")
     parser.add_argument("--data", type=Path, default=Path(default))
     parser.add_argument("--list", action="store_true", help="name what is missed and false")
-    parser.add_argument("--estimator", default="mean-gradient", choices=("mean-gradient", "model"))
+    parser.add_argument(
+        "--estimator", default="mean-gradient", choices=("mean-gradient", "dual-conic", "model")
+    )
     args = parser.parse_args()
     options = RecognitionOptions(estimator=args.estimator)
     folder = args.data / "rendered-targets"

@@ -119,9 +119,28 @@ py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int
   return out;
 }
 
+Estimator EstimatorOf(const std::string& name) {
+  if (name == "mean-gradient") return Estimator::kMeanGradient;
+  if (name == "dual-conic") return Estimator::kDualConic;
+  if (name == "model") return Estimator::kModel;
+  throw py::value_error("estimator: expected 'mean-gradient', 'dual-conic' or 'model', got '" +
+                        name + "'");
+}
+
+const char* NameOf(Estimator estimator) {
+  switch (estimator) {
+    case Estimator::kDualConic:
+      return "dual-conic";
+    case Estimator::kModel:
+      return "model";
+    default:
+      return "mean-gradient";
+  }
+}
+
 RecognitionOptions MakeOptions(const std::string& codes, bool clockwise, bool white_on_black,
                                std::array<double, 2> diameter_px, const std::string& method,
-                               bool model) {
+                               const std::string& estimator) {
   RecognitionOptions options;
   options.codes = codes;
   options.direction =
@@ -129,7 +148,7 @@ RecognitionOptions MakeOptions(const std::string& codes, bool clockwise, bool wh
   options.polarity = white_on_black ? Polarity::kWhiteOnBlack : Polarity::kBlackOnWhite;
   options.diameter_px = diameter_px;
   options.method = method;
-  options.estimator = model ? Estimator::kModel : Estimator::kMeanGradient;
+  options.estimator = EstimatorOf(estimator);
   options.Check();
   return options;
 }
@@ -155,7 +174,7 @@ void BindRecognition(py::module_& parent) {
   py::class_<RecognitionOptions>(m, "RecognitionOptions")
       .def(py::init(&MakeOptions), py::kw_only(), "codes"_a = defaults.codes, "clockwise"_a = true,
            "white_on_black"_a = true, "diameter_px"_a = defaults.diameter_px,
-           "method"_a = defaults.method, "model"_a = false)
+           "method"_a = defaults.method, "estimator"_a = NameOf(defaults.estimator))
       .def_readonly("codes", &RecognitionOptions::codes)
       .def_property_readonly(
           "direction",
@@ -169,9 +188,8 @@ void BindRecognition(py::module_& parent) {
                              })
       .def_readonly("diameter_px", &RecognitionOptions::diameter_px)
       .def_readonly("method", &RecognitionOptions::method)
-      .def_property_readonly("estimator", [](const RecognitionOptions& o) {
-        return o.estimator == Estimator::kModel ? "model" : "mean-gradient";
-      });
+      .def_property_readonly("estimator",
+                             [](const RecognitionOptions& o) { return NameOf(o.estimator); });
   py::class_<CodeFamily>(m, "CodeFamily")
       .def(py::init(&MakeFamily), "name"_a, "num_bits"_a, "ring_inner"_a, "ring_outer"_a, "codes"_a)
       .def_readonly("name", &CodeFamily::name)

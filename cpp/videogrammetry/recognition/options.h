@@ -12,8 +12,9 @@ enum class ReadingDirection { kClockwise, kCounterClockwise };
 enum class Polarity { kWhiteOnBlack, kBlackOnWhite };
 
 /// How a dot that was found is measured: by the mean gradient's profiles across
-/// its edge (target_edge.h), or by a model of its grey values (model_fit.h).
-enum class Estimator { kMeanGradient, kModel };
+/// its edge (target_edge.h), by the tangents that its gradients give (dual_conic.h), or by
+/// a model of its grey values (model_fit.h).
+enum class Estimator { kMeanGradient, kDualConic, kModel };
 
 /// What to look for and how. Field for field the Python class
 /// videogrammetry.recognition.RecognitionOptions.

@@ -9,6 +9,7 @@
 
 #include "videogrammetry/core/thread_pool.h"
 #include "videogrammetry/recognition/candidate_search.h"
+#include "videogrammetry/recognition/dual_conic.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/model_pool.h"
@@ -99,11 +100,10 @@ std::vector<Target> RecognizeChecked(const ImageView<T>& image, const Recognitio
     RemoveRingPieces(family, &targets);
     ResolveDuplicates(&targets);
   }
-  if (options.estimator == Estimator::kModel) {
-    std::vector<TargetEdge*> edges;
-    for (Target& target : targets) edges.push_back(&target.edge);
-    RefineByModel(picture, edges);
-  }
+  std::vector<TargetEdge*> edges;
+  for (Target& target : targets) edges.push_back(&target.edge);
+  if (options.estimator == Estimator::kModel) RefineByModel(picture, edges);
+  if (options.estimator == Estimator::kDualConic) RefineByDualConic(image, picture.sign(), edges);
   return targets;
 }
 

@@ -23,8 +23,8 @@ struct Target {
 /// edge_points.h) -> ellipse (ellipse_fit.h, target_edge.h) -> ring
 /// (ring_code.h). A target that lies inside another one's ring is a piece of
 /// that ring and left out; an ID that stands at several places is taken from
-/// all of them unless one agrees far better. With Estimator::kModel what is left
-/// is measured anew (model_pool.h).
+/// all of them unless one agrees far better. What is left is measured anew
+/// with Estimator::kDualConic (dual_conic.h) or kModel (model_pool.h).
 ///
 /// @param family  the codes; options.codes is not looked at.
 /// @return targets in the order of the rows, then of the columns, of their first chord.

@@ -23,8 +23,8 @@ SCHEMA = 1
 MAX_CAMERAS = 64
 DIRECTIONS = ("clockwise", "counter-clockwise")
 POLARITIES = ("white-on-black", "black-on-white")
-ESTIMATORS = ("mean-gradient", "model")
-ESTIMATORS = ("mean-gradient", "model")
+ESTIMATORS = ("mean-gradient", "dual-conic", "model")
+ESTIMATORS = ("mean-gradient", "dual-conic", "model")
 FILTERS = ("none", "savitzky-golay", "butterworth")
 START_NAMES = ("f_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "E1", "E2")
 

@@ -30,8 +30,9 @@ class RecognitionOptions:
         3 <= smallest < largest <= 2000.
     method : ``local-canny``, the paper's way.
     estimator : how a dot that was found is measured. ``mean-gradient``, the
-        paper's way, or ``model``: its grey values as those of a blurred
-        ellipse, noise-weighted; slower and nearer to what the noise permits.
+        paper's way; ``dual-conic``: an ellipse through the tangents that its
+        grey values' gradients give; or ``model``: its grey values as those of a
+        blurred ellipse, noise-weighted, slower and nearest to what the noise permits.
     """
 
     codes: str = "schneider-14"

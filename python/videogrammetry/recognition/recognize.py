@@ -16,7 +16,7 @@ from videogrammetry.types import Targets
 _DIRECTIONS = ("clockwise", "counter-clockwise")
 _POLARITIES = ("white-on-black", "black-on-white")
 _METHODS = ("local-canny",)
-_ESTIMATORS = ("mean-gradient", "model")
+_ESTIMATORS = ("mean-gradient", "dual-conic", "model")
 
 
 def recognize(
@@ -31,8 +31,8 @@ def recognize(
     the grey-level gradient, Canny's edges in each candidate with thresholds of
     its own, sub-pixel edges by the mean gradient, a least-squares ellipse, and
     the code ring. The ellipse's covariance follows from its edge residuals. With
-    ``estimator="model"`` the dots found are measured anew, by least squares on
-    their grey values.
+    ``estimator="dual-conic"`` the dots found are measured anew by the tangents of
+    their gradients, with ``"model"`` by least squares on their grey values.
 
     The interpreter's lock is released: several pictures may be recognised in
     threads. Nothing is random.
@@ -117,7 +117,7 @@ def _core_options(options: RecognitionOptions) -> _core.RecognitionOptions:
         white_on_black=options.polarity == _POLARITIES[0],
         diameter_px=(smallest, largest),
         method=options.method,
-        model=options.estimator == _ESTIMATORS[1],
+        estimator=options.estimator,
     )
 
 

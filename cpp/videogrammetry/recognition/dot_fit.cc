@@ -26,8 +26,8 @@ constexpr double kConvergedPx = 0.01;
 constexpr double kFarPx = 0.25, kSlow = 0.3;
 constexpr double kHuber = 4.0;
 constexpr double kLeastBlurPx = 0.3, kMostBlurPx = 3.0;
-/// Without a picture's model: what blur is expected, and how well that is known.
-constexpr double kUsualBlurPx = 0.75, kUsualBlurSigmaPx = 0.5;
+/// Without a picture's model: how well the usual blur is known.
+constexpr double kUsualBlurSigmaPx = 0.5;
 /// And the noise, as a part of the contrast.
 constexpr double kUsualNoise = 0.02;
 /// A fit that leaves the start by more than this, and by this part of the dot, has
@@ -134,8 +134,10 @@ struct Selection {
   Eigen::Vector2d origin = Eigen::Vector2d::Zero();  ///< in the picture
 };
 
+/// @param whole  the dot's middle too, however far from the edge.
 Selection SelectPixels(const dot_fit::Kernels& kernels, const GreyWindow& window,
-                       const EllipseFrame& frame, double blur, std::vector<float>* buffer) {
+                       const EllipseFrame& frame, double blur, bool whole,
+                       std::vector<float>* buffer) {
   const Axes axes(frame.shape);
   const double reach = DotFitter::Reach(blur);
   // A ring begins a radius away, at the earliest.
@@ -144,7 +146,7 @@ Selection SelectPixels(const dot_fit::Kernels& kernels, const GreyWindow& window
   };
   const double cx = frame.center.x() - window.x0, cy = frame.center.y() - window.y0;
   const dot_fit::Conic outer = axes.ConicOf(cx, cy, outward(axes.major()), outward(axes.minor()));
-  const bool hollow = axes.minor() > reach + 1.0;
+  const bool hollow = !whole && axes.minor() > reach + 1.0;
   const dot_fit::Conic inner =
       hollow ? axes.ConicOf(cx, cy, axes.major() - reach, axes.minor() - reach) : dot_fit::Conic{};
   const std::size_t capacity =
@@ -205,7 +207,7 @@ Iteration::Iteration(const dot_fit::Kernels& kernels, const Selection& selection
       rows_.size(), static_cast<std::size_t>(count() + dot_fit::kGroup) * (kNumParameters + 2)));
   frame_.center -= selection.origin;
   const Eigen::Matrix2d light = frame_.shape.inverse();
-  blur_ = picture ? picture->blur_px : kUsualBlurPx;
+  blur_ = picture ? picture->blur_px : DotFitter::kUsualBlurPx;
   blur_sigma_ = picture ? std::max(1e-4, picture->blur_sigma_px) : kUsualBlurSigmaPx;
   bright_ = std::max(std::abs(start.inside), std::abs(start.outside));
   light_sigma_ = (picture ? *picture : PictureModel{}).gradient * contrast_ / bright_;
@@ -298,6 +300,7 @@ std::optional<ModelFit> Iteration::Result(const DotStart& start, bool pool) cons
   fit.outside = values_[kOut];
   fit.blur_px = values_[kBlur];
   fit.variance_factor = factor_;
+  fit.pixels = count();
   const bool significant = factor_ > 1.0 + 2.5 * std::sqrt(2.0 / dof());
   const double factor = !picture_ || significant ? factor_ : 1.0;
   const Matrix5d half = equations_.InverseOfLast();  // of E, then of c
@@ -347,10 +350,44 @@ DotFitter::DotFitter(InstructionSet set) : kernels_(&KernelsOf(set)) {}
 
 double DotFitter::Reach(double blur_px) { return kEdgeReach * blur_px + kPlateauPx; }
 
+std::optional<Eigen::Matrix2d> ShapeOfMoments(double xx, double xy, double yy) {
+  // sqrt(V) = (V + sqrt(det V) I) / sqrt(tr V + 2 sqrt(det V))
+  const double det = xx * yy - xy * xy;
+  if (!(det > 1e-6) || !(xx > 0.0)) return std::nullopt;
+  const double root = std::sqrt(det), scale = 2.0 / std::sqrt(xx + yy + 2.0 * root);
+  Eigen::Matrix2d shape;
+  shape << scale * (xx + root), scale * xy, scale * xy, scale * (yy + root);
+  return shape;
+}
+
+std::optional<DotStart> DotFitter::Begin(const GreyWindow& window, const DotStart& start,
+                                         double blur_px) {
+  if (!(start.inside > start.outside)) return std::nullopt;
+  const Selection selection =
+      SelectPixels(*kernels_, window, start.frame, blur_px, true, &pixels_);
+  float sums[6];
+  kernels_->moments(selection.pixels, static_cast<float>(start.inside),
+                    static_cast<float>(start.outside), sums);
+  const double area = sums[0];
+  if (!(area > 1.0)) return std::nullopt;
+  const Eigen::Vector2d mean(sums[1] / area, sums[2] / area);
+  const double blur = blur_px * blur_px;
+  const auto shape =
+      ShapeOfMoments(sums[3] / area - mean.x() * mean.x() - blur,
+                     sums[4] / area - mean.x() * mean.y(), sums[5] / area - mean.y() * mean.y() - blur);
+  if (!shape) return std::nullopt;
+  DotStart moved = start;
+  moved.frame.center = mean + selection.origin;
+  moved.frame.shape = *shape;
+  const double most = kMostMovedPx + kMostMoved * std::sqrt(start.frame.shape.determinant());
+  if ((moved.frame.center - start.frame.center).norm() > 2.0 * most) return std::nullopt;
+  return moved;
+}
+
 std::optional<ModelFit> DotFitter::Fit(const GreyWindow& window, const DotStart& start,
                                        const PictureModel* picture, bool pool) {
-  const double blur = picture ? picture->blur_px : kUsualBlurPx;
-  const Selection selection = SelectPixels(*kernels_, window, start.frame, blur, &pixels_);
+  const double blur = picture ? picture->blur_px : DotFitter::kUsualBlurPx;
+  const Selection selection = SelectPixels(*kernels_, window, start.frame, blur, false, &pixels_);
   Iteration iteration(*kernels_, selection, start, picture, &rows_);
   if (!iteration.Run()) return std::nullopt;
   return iteration.Result(start, pool);

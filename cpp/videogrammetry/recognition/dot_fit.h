@@ -16,6 +16,10 @@ struct DotStart {
   double inside = 0.0, outside = 0.0;  ///< grey values, with the polarity's sign
 };
 
+/// E of the ellipse whose inside has the second moments V: 2 sqrt(V).
+/// @return nullopt if V is not positive definite.
+std::optional<Eigen::Matrix2d> ShapeOfMoments(double var_xx, double var_xy, double var_yy);
+
 /// Fits the grey values of a dot by those of a blurred ellipse, fast.
 ///
 /// The model of model_fit.h, Eqs. (1) to (3), with light that multiplies:
@@ -31,6 +35,12 @@ class DotFitter {
  public:
   explicit DotFitter(InstructionSet set = DetectInstructionSet());
 
+  /// The ellipse with the second moments of the dot's grey values, less those of the
+  /// blur: good to some hundredths of a pixel however the ellipse was cut out.
+  ///
+  /// @return nullopt if there is no such ellipse, or one far from the start.
+  std::optional<DotStart> Begin(const GreyWindow& window, const DotStart& start, double blur_px);
+
   /// @param window  covers the ellipse and `Reach` around it, or what the
   ///     picture has of that.
   /// @param picture  nullptr: all pixels weigh the same, s is nearly free.
@@ -41,6 +51,8 @@ class DotFitter {
 
   /// How far around an ellipse pixels are used, at most.
   static double Reach(double blur_px);
+  /// Blur that is expected of a camera of which nothing is known.
+  static constexpr double kUsualBlurPx = 0.75;
 
  private:
   const dot_fit::Kernels* kernels_;

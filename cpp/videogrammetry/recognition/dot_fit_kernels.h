@@ -54,6 +54,9 @@ struct Kernels {
   int (*select)(const float* window, std::ptrdiff_t stride, int width, int height,
                 const Conic& outer, const Conic* inner, float origin_x, float origin_y, float* x,
                 float* y, float* grey);
+  /// Sums of a, a x, a y, a x^2, a x y, a y^2 over the pixels; a is the grey value from
+  /// 0 at `out` to 1 at `in`, and no less or more.
+  void (*moments)(const Pixels& pixels, float in, float out, float* sums);
   /// @param rows  scratch for kNumParameters + 2 floats a pixel.
   void (*linearise)(const Pixels& pixels, const State& state, float* rows, Sums* sums);
   /// The same with the derivatives of an earlier state: all but sums->product.

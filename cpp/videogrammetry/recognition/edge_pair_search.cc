@@ -9,7 +9,6 @@
 #include "videogrammetry/recognition/edge_pair_region.h"
 #include "videogrammetry/recognition/edge_pair_samples.h"
 #include "videogrammetry/recognition/edge_pair_visits.h"
-#include "videogrammetry/recognition/gradient_threshold.h"
 
 namespace videogrammetry {
 namespace {
@@ -221,11 +220,10 @@ class EdgePairSearch {
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      InstructionSet set) {
+                                      int gradient_threshold, InstructionSet set) {
   const SampleRows rows(frame, sign, set);
   if (rows.width < 3 || rows.height < 3) return {};
-  const int threshold = GradientThreshold(SampleGreyStatistics(frame, set));
-  return EdgePairSearch(rows, threshold, diameter_px).Search();
+  return EdgePairSearch(rows, gradient_threshold, diameter_px).Search();
 }
 
 }  // namespace videogrammetry

@@ -21,7 +21,7 @@ struct DotRegion {
 ///
 /// 1. Every k-th row is binarised on g(x) = I(x+1) - I(x-1), 64 pixels at once, from
 ///    the samples as they lie in memory; k is such that a circle of the smallest
-///    diameter d is cut within d/4 of its centre. The threshold is GradientThreshold's.
+///    diameter d is cut within d/4 of its centre.
 /// 2. A rise followed by a fall without another edge between them is a chord: of the
 ///    right length, even inside, with much the same ground on both sides.
 /// 3. The area around the chord's middle is grown at the grey value half-way between
@@ -45,10 +45,12 @@ struct DotRegion {
 /// @param sign  +1: dots are bright, -1: dark.
 /// @param diameter_px  smallest minor and largest major axis, full lengths;
 ///     3 <= min < max <= 2000 as in RecognitionOptions.
+/// @param gradient_threshold  GradientThreshold of SampleGreyStatistics.
 /// @return in the order of the rows, then of the columns, of their first chord; empty for
 ///     a picture narrower or lower than 3 pixels.
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
+                                      int gradient_threshold,
                                       InstructionSet set = DetectInstructionSet());
 
 }  // namespace videogrammetry

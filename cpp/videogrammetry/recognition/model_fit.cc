@@ -305,6 +305,7 @@ std::optional<ModelFit> Fit::Result() const {
   fit.outside_variance = ResidualVariance(residuals_, dark, 2);
   fit.variance = *ResidualVariance(residuals_, std::vector<char>(bright.size(), 1), 8);
   const double dof = std::max(1.0, static_cast<double>(residuals_.size()) - 8.0);
+  fit.pixels = static_cast<int>(residuals_.size());
   fit.variance_factor = weight_.dot(residuals_.cwiseAbs2()) / dof;
   const bool significant = fit.variance_factor > 1.0 + 2.5 * std::sqrt(2.0 / dof);
   const double factor = !picture_ || significant ? fit.variance_factor : 1.0;

@@ -43,6 +43,7 @@ struct ModelFit {
   std::optional<Eigen::Vector2d> gradient;
   double gradient_variance = 0.0;
   double variance_factor = 1.0;  ///< a posteriori: weighted square sum over its degrees of freedom
+  int pixels = 0;                ///< that were looked at
 };
 
 /// Fits the grey values around a dot's contour by those of a blurred ellipse.

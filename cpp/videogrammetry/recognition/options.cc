@@ -10,8 +10,9 @@ void RecognitionOptions::Check() const {
     throw std::invalid_argument("diameter_px: expected 3 <= smallest < largest <= 2000, got (" +
                                 std::to_string(smallest) + ", " + std::to_string(largest) + ")");
   }
-  if (method != "local-canny") {
-    throw std::invalid_argument("method: expected 'local-canny', got '" + method + "'");
+  if (method != kEdgePair && method != kLocalCanny) {
+    throw std::invalid_argument("method: expected 'edge-pair' or 'local-canny', got '" + method +
+                                "'");
   }
 }
 

@@ -16,6 +16,9 @@ enum class Polarity { kWhiteOnBlack, kBlackOnWhite };
 /// a model of its grey values (model_fit.h).
 enum class Estimator { kMeanGradient, kDualConic, kModel };
 
+inline constexpr const char* kEdgePair = "edge-pair";
+inline constexpr const char* kLocalCanny = "local-canny";
+
 /// What to look for and how. Field for field the Python class
 /// videogrammetry.recognition.RecognitionOptions.
 struct RecognitionOptions {
@@ -26,8 +29,8 @@ struct RecognitionOptions {
   /// Smallest minor and largest major axis of a dot, full lengths in pixels;
   /// 3 <= min < max <= 2000.
   std::array<double, 2> diameter_px = {5.0, 200.0};
-  /// "local-canny": the only method so far.
-  std::string method = "local-canny";
+  /// kEdgePair, the fast way, or kLocalCanny, the paper's.
+  std::string method = kLocalCanny;
   /// The mean gradient is the paper's; the model is nearer to what the noise permits.
   Estimator estimator = Estimator::kMeanGradient;
 

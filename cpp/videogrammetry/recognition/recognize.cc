@@ -1,109 +1,117 @@
 #include "videogrammetry/recognition/recognize.h"
 
-#include <Eigen/LU>
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <map>
+#include <numeric>
 #include <type_traits>
 
 #include "videogrammetry/core/thread_pool.h"
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/dual_conic.h"
-#include "videogrammetry/recognition/ellipse_fit.h"
+#include "videogrammetry/recognition/edge_pair_recognition.h"
+#include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/model_pool.h"
+#include "videogrammetry/recognition/target_selection.h"
 
 namespace videogrammetry {
 namespace {
 
-/// A reading this much better than another of the same ID is the true one.
-constexpr double kClearlyBetter = 0.25;
-
-bool SamePlace(const Ellipse& a, const Ellipse& b) {
-  const double reach = 0.5 * std::min(a.semi_minor_px, b.semi_minor_px);
-  return std::hypot(a.x_px - b.x_px, a.y_px - b.y_px) < reach;
-}
-
-/// True for a candidate measured before (found again at another grey level).
-bool IsKnown(const Ellipse& candidate, const std::vector<Target>& targets) {
-  return std::any_of(targets.begin(), targets.end(),
-                     [&](const Target& known) { return SamePlace(known.edge.ellipse, candidate); });
-}
-
-bool HasRing(const Target& target) {
-  return target.ring.status == RingStatus::kCoded || target.ring.status == RingStatus::kMirrored ||
-         target.ring.status == RingStatus::kNotInTable ||
-         target.ring.status == RingStatus::kEdgesOff;
-}
-
-/// Leaves out what lies in another target's ring and is smaller than its dot.
-void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
-  std::vector<char> piece(targets->size(), 0);
-  for (const Target& owner : *targets) {
-    if (!HasRing(owner)) continue;
-    const EllipseFrame frame = EllipseFrame::From(owner.edge.ellipse);
-    const Eigen::Matrix2d inverse = frame.shape.inverse();
-    for (std::size_t i = 0; i < targets->size(); ++i) {
-      const Ellipse& e = (*targets)[i].edge.ellipse;
-      const double radius = (inverse * (Eigen::Vector2d(e.x_px, e.y_px) - frame.center)).norm();
-      piece[i] |= radius > 1.0 && radius < family.ring_outer + 0.2 &&
-                  e.semi_minor_px < owner.edge.ellipse.semi_minor_px;
-    }
-  }
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < targets->size(); ++i) {
-    if (!piece[i]) (*targets)[kept++] = (*targets)[i];
-  }
-  targets->resize(kept);
-}
-
-// An ID that stands at several places of one picture: a reading clearly worse
-// than the best is taken for wrong; equally clear rings keep the ID that they
-// show, marked, because which of two stickers is meant is not for one picture
-// to say.
-void ResolveDuplicates(std::vector<Target>* targets) {
-  std::map<int, std::vector<Target*>> places;
-  for (Target& target : *targets) {
-    if (target.ring.id) places[*target.ring.id].push_back(&target);
-  }
-  for (auto& [id, same] : places) {
-    if (same.size() < 2) continue;
-    std::sort(same.begin(), same.end(),
-              [](const Target* a, const Target* b) { return a->ring.quality > b->ring.quality; });
-    const bool first_is_true = same[0]->ring.quality > same[1]->ring.quality + kClearlyBetter;
-    for (std::size_t i = first_is_true ? 1 : 0; i < same.size(); ++i) {
-      if (first_is_true) same[i]->ring.id.reset();
-      same[i]->ring.status = RingStatus::kDuplicate;
-    }
+/// Reads the rings of targets from `first` on.
+void ReadRings(const FrameView& frame, int sign, const CodeFamily& family,
+               ReadingDirection direction, std::vector<Target>* targets, std::size_t first = 0) {
+  if (family.num_bits == 0) return;
+  WindowReader reader(frame, sign);
+  for (std::size_t i = first; i < targets->size(); ++i) {
+    Target& target = (*targets)[i];
+    const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
+    target.ring = ReadRing(window, target.edge, family, direction);
   }
 }
 
-/// Recognize() with options and a family that have been checked.
+void SelectByRings(const CodeFamily& family, std::vector<Target>* targets) {
+  if (family.num_bits == 0) return;
+  RemoveRingPieces(family, targets);
+  ResolveDuplicates(targets);
+}
+
+std::vector<TargetEdge*> EdgesOf(std::vector<Target>* targets) {
+  std::vector<TargetEdge*> edges;
+  for (Target& target : *targets) edges.push_back(&target.edge);
+  return edges;
+}
+
+/// The paper's way, on options and a family that have been checked.
 template <typename T>
-std::vector<Target> RecognizeChecked(const ImageView<T>& image, const RecognitionOptions& options,
-                                     const CodeFamily& family) {
-  const SignedImage<T> picture(image, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1);
+std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
+                                          const RecognitionOptions& options,
+                                          const CodeFamily& family) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  const SignedImage<T> picture(image, sign);
   const int threshold = GradientThreshold(MeasureGreyStatistics(image));
   std::vector<Target> targets;
+  PlaceIndex index;
   for (const Candidate& candidate : FindCandidates(picture, options, threshold)) {
-    if (IsKnown(candidate.ellipse, targets)) continue;
+    if (IsKnown(candidate.ellipse, targets, index)) continue;
     const auto edge = MeasureTargetEdge(picture, candidate, options);
-    if (edge && !IsKnown(edge->ellipse, targets)) targets.push_back({*edge, {}});
+    if (!edge || IsKnown(edge->ellipse, targets, index)) continue;
+    index.Insert(edge->ellipse.x_px, edge->ellipse.y_px, static_cast<int>(targets.size()));
+    targets.push_back({*edge, {}});
   }
-  if (family.num_bits > 0) {
-    WindowReader reader(image, picture.sign());
-    for (Target& target : targets) {
-      const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
-      target.ring = ReadRing(window, target.edge, family, options.direction);
-    }
-    RemoveRingPieces(family, &targets);
-    ResolveDuplicates(&targets);
+  ReadRings(image, sign, family, options.direction, &targets);
+  SelectByRings(family, &targets);
+  if (options.estimator == Estimator::kModel) RefineByModel(picture, EdgesOf(&targets));
+  return targets;
+}
+
+/// Appends dots that are not known yet.
+void Append(const std::vector<DotMeasurement>& dots, PlaceIndex* index,
+            std::vector<Target>* targets, std::vector<int>* regions) {
+  for (const DotMeasurement& dot : dots) {
+    const Ellipse& e = dot.edge.ellipse;
+    if (IsKnown(e, *targets, *index)) continue;
+    index->Insert(e.x_px, e.y_px, static_cast<int>(targets->size()));
+    targets->push_back({dot.edge, {}});
+    regions->push_back(dot.region);
   }
-  std::vector<TargetEdge*> edges;
-  for (Target& target : targets) edges.push_back(&target.edge);
-  if (options.estimator == Estimator::kModel) RefineByModel(picture, edges);
-  if (options.estimator == Estimator::kDualConic) RefineByDualConic(image, picture.sign(), edges);
+}
+
+/// The targets in the order of their areas.
+std::vector<Target> InOrder(const std::vector<Target>& targets, const std::vector<int>& regions) {
+  std::vector<std::size_t> order(targets.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return regions[a] < regions[b]; });
+  std::vector<Target> sorted;
+  sorted.reserve(targets.size());
+  for (const std::size_t i : order) sorted.push_back(targets[i]);
+  return sorted;
+}
+
+/// The fast way. What it learned of the camera goes to `learned`, if that is not null.
+std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const RecognitionOptions& options,
+                                         const CodeFamily& family, const CameraModel* camera,
+                                         std::optional<CameraModel>* learned) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  EdgePairRecognition recognition(frame, options);
+  const int threshold =
+      camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
+  const auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold);
+  std::vector<Target> targets;
+  std::vector<int> regions;
+  PlaceIndex index;
+  Append(recognition.MeasureClear(areas, camera), &index, &targets, &regions);
+  ReadRings(frame, sign, family, options.direction, &targets);
+  // Sectors of rings that have been read need no second look.
+  const RingPlaces rings(family, targets);
+  const std::size_t clear = targets.size();
+  Append(recognition.MeasureUnclear([&](const Ellipse& dot) {
+    return rings.Holds(dot) || IsKnown(dot, targets, index);
+  }), &index, &targets, &regions);
+  ReadRings(frame, sign, family, options.direction, &targets, clear);
+  targets = InOrder(targets, regions);
+  SelectByRings(family, &targets);
+  if (learned && recognition.picture()) *learned = CameraModel{threshold, *recognition.picture()};
   return targets;
 }
 
@@ -120,18 +128,29 @@ std::vector<std::uint16_t> Unpacked(const Packed12View& image) {
 }
 
 std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOptions& options,
-                                   const CodeFamily& family) {
-  return std::visit(
-      [&](const auto& image) {
-        if constexpr (std::is_same_v<std::decay_t<decltype(image)>, Packed12View>) {
-          const std::vector<std::uint16_t> samples = Unpacked(image);
-          const ImageView16 view(samples.data(), image.width(), image.height());
-          return RecognizeChecked(view, options, family);
-        } else {
-          return RecognizeChecked(image, options, family);
-        }
-      },
-      frame);
+                                   const CodeFamily& family, const CameraModel* camera,
+                                   std::optional<CameraModel>* learned = nullptr) {
+  std::vector<Target> targets;
+  if (options.method == kEdgePair) {
+    targets = RecognizeByEdgePairs(frame, options, family, camera, learned);
+  } else {
+    targets = std::visit(
+        [&](const auto& image) {
+          if constexpr (std::is_same_v<std::decay_t<decltype(image)>, Packed12View>) {
+            const std::vector<std::uint16_t> samples = Unpacked(image);
+            const ImageView16 view(samples.data(), image.width(), image.height());
+            return RecognizeByLocalCanny(view, options, family);
+          } else {
+            return RecognizeByLocalCanny(image, options, family);
+          }
+        },
+        frame);
+  }
+  if (options.estimator == Estimator::kDualConic) {
+    RefineByDualConic(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1,
+                      EdgesOf(&targets));
+  }
+  return targets;
 }
 
 }  // namespace
@@ -140,7 +159,7 @@ std::vector<Target> Recognize(const FrameView& frame, const RecognitionOptions& 
                               const CodeFamily& family) {
   options.Check();
   family.Check();
-  return RecognizeFrame(frame, options, family);
+  return RecognizeFrame(frame, options, family, nullptr);
 }
 
 Recognizer::Recognizer(const RecognitionOptions& options, const CodeFamily& family)
@@ -150,13 +169,20 @@ Recognizer::Recognizer(const RecognitionOptions& options, const CodeFamily& fami
 }
 
 std::vector<std::vector<Target>> Recognizer::RecognizeFrames(const std::vector<FrameView>& frames,
-                                                             int num_threads) const {
+                                                             int num_threads,
+                                                             const CameraModel* camera) const {
   std::vector<std::vector<Target>> targets(frames.size());
   ParallelFor(static_cast<int>(frames.size()), num_threads, [&](int i) {
     const auto slot = static_cast<std::size_t>(i);
-    targets[slot] = RecognizeFrame(frames[slot], options_, family_);
+    targets[slot] = RecognizeFrame(frames[slot], options_, family_, camera);
   });
   return targets;
+}
+
+std::optional<CameraModel> Recognizer::Learn(const FrameView& frame) const {
+  std::optional<CameraModel> learned;
+  if (options_.method == kEdgePair) RecognizeFrame(frame, options_, family_, nullptr, &learned);
+  return learned;
 }
 
 }  // namespace videogrammetry

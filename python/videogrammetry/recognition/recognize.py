@@ -15,7 +15,7 @@ from videogrammetry.types import Targets
 
 _DIRECTIONS = ("clockwise", "counter-clockwise")
 _POLARITIES = ("white-on-black", "black-on-white")
-_METHODS = ("local-canny",)
+_METHODS = ("edge-pair", "local-canny")
 _ESTIMATORS = ("mean-gradient", "dual-conic", "model")
 
 

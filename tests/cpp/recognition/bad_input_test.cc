@@ -108,7 +108,7 @@ TEST(BadInputTest, PatternsWithoutDotsHaveNoTargets) {
 TEST(BadInputTest, PicturesWithoutRoomHaveNoTargets) {
   std::mt19937 random(7);
   const Grey noise = [&random](int, int) { return static_cast<int>(random() % 4096); };
-  for (const auto [width, height] : {std::pair{0, 0},
+  for (const auto& [width, height] : {std::pair{0, 0},
                                      {0, 9},
                                      {8, 0},
                                      {1, 1},

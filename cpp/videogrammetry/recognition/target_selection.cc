@@ -1,0 +1,79 @@
+#include "videogrammetry/recognition/target_selection.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "videogrammetry/recognition/ellipse_fit.h"
+
+namespace videogrammetry {
+namespace {
+
+/// A reading this much better than another of the same ID is the true one.
+constexpr double kClearlyBetter = 0.25;
+/// What a piece of a ring may reach beyond it, in radii of the dot.
+constexpr double kBeyondRing = 0.2;
+
+bool HasRing(const Target& target) {
+  return target.ring.status == RingStatus::kCoded || target.ring.status == RingStatus::kMirrored ||
+         target.ring.status == RingStatus::kNotInTable ||
+         target.ring.status == RingStatus::kEdgesOff;
+}
+
+}  // namespace
+
+bool IsKnown(const Ellipse& dot, const std::vector<Target>& known, const PlaceIndex& index) {
+  const double most = 0.5 * dot.semi_minor_px;
+  return index.AnyNear(dot.x_px, dot.y_px, most, [&](int number) {
+    const Ellipse& other = known[static_cast<std::size_t>(number)].edge.ellipse;
+    const double reach = std::min(most, 0.5 * other.semi_minor_px);
+    return std::hypot(dot.x_px - other.x_px, dot.y_px - other.y_px) < reach;
+  });
+}
+
+RingPlaces::RingPlaces(const CodeFamily& family, const std::vector<Target>& targets)
+    : most_(family.ring_outer + kBeyondRing) {
+  for (const Target& target : targets) {
+    if (!HasRing(target)) continue;
+    const EllipseFrame frame = EllipseFrame::From(target.edge.ellipse);
+    const Ellipse& dot = target.edge.ellipse;
+    index_.Insert(dot.x_px, dot.y_px, static_cast<int>(owners_.size()));
+    owners_.push_back({frame.center, frame.shape.inverse(), dot.semi_minor_px});
+    reach_px_ = std::max(reach_px_, most_ * dot.semi_major_px);
+  }
+}
+
+bool RingPlaces::Holds(const Ellipse& dot) const {
+  if (owners_.empty()) return false;
+  return index_.AnyNear(dot.x_px, dot.y_px, reach_px_, [&](int number) {
+    const Owner& owner = owners_[static_cast<std::size_t>(number)];
+    const double radius =
+        (owner.inverse * (Eigen::Vector2d(dot.x_px, dot.y_px) - owner.center)).norm();
+    return radius > 1.0 && radius < most_ && dot.semi_minor_px < owner.semi_minor_px;
+  });
+}
+
+void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
+  const RingPlaces rings(family, *targets);
+  std::erase_if(*targets, [&](const Target& target) { return rings.Holds(target.edge.ellipse); });
+}
+
+void ResolveDuplicates(std::vector<Target>* targets) {
+  std::map<int, std::vector<Target*>> places;
+  for (Target& target : *targets) {
+    if (target.ring.id) places[*target.ring.id].push_back(&target);
+  }
+  for (auto& [id, same] : places) {
+    if (same.size() < 2) continue;
+    std::sort(same.begin(), same.end(),
+              [](const Target* a, const Target* b) { return a->ring.quality > b->ring.quality; });
+    const bool first_is_true = same[0]->ring.quality > same[1]->ring.quality + kClearlyBetter;
+    for (std::size_t i = first_is_true ? 1 : 0; i < same.size(); ++i) {
+      if (first_is_true) same[i]->ring.id.reset();
+      same[i]->ring.status = RingStatus::kDuplicate;
+    }
+  }
+}
+
+}  // namespace videogrammetry

@@ -9,6 +9,12 @@ namespace {
 
 /// Sides allowed beyond those of the bounding box, for the smallest regions.
 constexpr int kSlack = 6;
+/// Pixels by which noise, or a hole in the border, may move an end of a row outwards.
+constexpr int kLeastJump = 4;
+/// Pixels that both ends of a small area's rows may go beyond their way out and back.
+constexpr int kMostExcess = 8;
+/// Rows between two looks at the limits; a power of two.
+constexpr int kCheckEvery = 8;
 
 /// Bits first ... last.
 std::uint64_t Span(int first, int last) {
@@ -61,16 +67,38 @@ RegionGrower::Next RegionGrower::Area(int x, int y) {
 }
 
 RegionGrower::Next RegionGrower::Walk(int direction, Run last) {
+  // How far the row before went beyond the one before it, on its worse side. The ends of
+  // a convex area go outwards less and less; what the first row may do, the start's
+  // length says: a chord near the top of a flat ellipse.
+  int outwards = direction > 0 ? (last.right - last.left) / 4 : 0;
+  // Convex ends go outwards once and come back once; whatever they go beyond that is
+  // excess.
+  const Run start = last;
+  int least = start.left, most_right = start.right, travelled = 0;
   for (int y = y0_ + direction;; y += direction) {
     if (y < 0 || y >= rows_.height) return Next::kFailed;  // cut by the picture's border
     Run run;
     const Next next = Row(y, direction, last, &run);
     if (next == Next::kEnd) sideways_ += last.right - last.left + 1;
-    if (next != Next::kRun) return next;
-    sideways_ += std::abs(run.left - last.left) + std::abs(run.right - last.right);
+    if (next == Next::kEnd || next == Next::kFailed) return next;
+    const int to_left = last.left - run.left, to_right = run.right - last.right;
+    const int most = std::max(0, outwards) + kLeastJump + (last.right - last.left) / 8;
+    outwards = std::max(to_left, to_right);
+    if (outwards > most) return Next::kFailed;
+    if (next == Next::kWider) return next;
+    travelled += std::abs(to_left) + std::abs(to_right);
+    sideways_ += std::abs(to_left) + std::abs(to_right);
+    least = std::min(least, run.left);
+    most_right = std::max(most_right, run.right);
+    const int straight =
+        start.left + run.left - 2 * least + 2 * most_right - start.right - run.right;
+    if (travelled - straight > kMostExcess + (most_right - least + std::abs(y - y0_)) / 8) {
+      return Next::kFailed;
+    }
     Add(y, run);
     if (right_ - left_ >= max_extent_ || bottom_ - top_ >= max_extent_) return Next::kFailed;
     if (direction > 0) left_below_[static_cast<std::size_t>(num_below_++)] = run.left;
+    if ((y & (kCheckEvery - 1)) == 0 && IsRagged()) return Next::kFailed;
     last = run;
   }
 }
@@ -97,6 +125,7 @@ RegionGrower::Next RegionGrower::NarrowRow(int y, int direction, const Run& last
   const int left = 64 - std::countl_zero(below), right = std::countr_zero(above) - 1;
   *run = {window_ + left, window_ + right};
   // At the window's end, but not the picture's, there may be more.
+  if (run->right - run->left >= max_extent_) return Next::kFailed;
   const bool more = (left == 0 && window_ > 0) || (right == 63 && run->right + 1 < rows_.width);
   return more ? Next::kWider : Next::kRun;
 }
@@ -109,34 +138,38 @@ std::uint64_t RegionGrower::Word(int y, int x) const {
 
 RegionGrower::Next RegionGrower::WideRow(int y, const Run& last, Run* run) const {
   // Words begin at multiples of 64. The row's ends are looked for from both sides.
-  const auto base = [](int x) { return x & ~63; };
-  int first = -1, final = -1;
-  for (int x = base(last.left); x <= last.right && first < 0; x += 64) {
-    const std::uint64_t in = Span(std::max(0, last.left - x), std::min(63, last.right - x));
-    const std::uint64_t hit = Word(y, x) & in;
-    if (hit != 0) first = x + std::countr_zero(hit);
+  const auto within = [&](int x) {
+    return Span(std::max(0, last.left - x), std::min(63, last.right - x));
+  };
+  int x = last.left & ~63;
+  std::uint64_t word = Word(y, x), hit = word & within(x);
+  while (hit == 0) {
+    x += 64;
+    if (x > last.right) return Next::kEnd;
+    word = Word(y, x);
+    hit = word & within(x);
   }
-  if (first < 0) return Next::kEnd;
-  for (int x = base(last.right); final < 0; x -= 64) {
-    const std::uint64_t in = Span(std::max(0, last.left - x), std::min(63, last.right - x));
-    const std::uint64_t hit = Word(y, x) & in;
-    if (hit != 0) final = x + 63 - std::countl_zero(hit);
-  }
+  const int first = x + std::countr_zero(hit), least = first - max_extent_;
   *run = {0, rows_.width - 1};
-  const int least = std::max(0, first - max_extent_), most = final + max_extent_;
-  for (int x = base(first); x >= 0 && x + 63 >= least; x -= 64) {
-    const std::uint64_t clear = ~Word(y, x) & Span(0, std::min(63, first - x));
-    if (clear != 0) {
-      run->left = x + 64 - std::countl_zero(clear);
-      break;
-    }
+  std::uint64_t clear = ~word & Span(0, first - x);
+  for (int at = x; at >= 0 && at + 63 >= least; at -= 64, clear = at < 0 ? 0 : ~Word(y, at)) {
+    if (clear == 0) continue;
+    run->left = at + 64 - std::countl_zero(clear);
+    break;
   }
-  for (int x = base(final); x < rows_.width && x <= most; x += 64) {
-    const std::uint64_t clear = ~Word(y, x) & Span(std::max(0, final - x), 63);
-    if (clear != 0) {
-      run->right = std::min(rows_.width, x + std::countr_zero(clear)) - 1;
-      break;
-    }
+  int end = last.right & ~63;
+  if (end != x) word = Word(y, end);
+  while ((hit = word & within(end)) == 0) {
+    end -= 64;
+    word = Word(y, end);
+  }
+  const int final = end + 63 - std::countl_zero(hit), most = final + max_extent_;
+  clear = ~word & Span(final - end, 63);
+  for (int at = end; at <= most; at += 64, clear = at < rows_.width ? ~Word(y, at) : 0) {
+    if (at >= rows_.width) break;
+    if (clear == 0) continue;
+    run->right = std::min(rows_.width, at + std::countr_zero(clear)) - 1;
+    break;
   }
   return Next::kRun;
 }

@@ -154,13 +154,13 @@ class EdgePairSearch {
     const int left = Steepest(rise, 1), right = Steepest(fall, -1);
     if (right - left < 0.6 * min_diameter_ || right - left > max_length_) return std::nullopt;
     const int margin = (right - left) / 4, count = right - left - 2 * margin + 1;
-    std::int64_t sum = 0, deviation = 0;
-    for (int x = left + margin; x <= right - margin; ++x) sum += Value(x);
+    // 2003 values of 16 bits at most: within 32 bits.
+    const std::uint16_t* middle = line_.data() + (left + margin - x_);
+    int sum = 0, deviation = 0;
+    for (int i = 0; i < count; ++i) sum += middle[i];
     Chord chord;
-    chord.inside = static_cast<int>(sum / count);
-    for (int x = left + margin; x <= right - margin; ++x) {
-      deviation += std::abs(Value(x) - chord.inside);
-    }
+    chord.inside = sum / count;
+    for (int i = 0; i < count; ++i) deviation += std::abs(middle[i] - chord.inside);
     const int left_outside = Outside(left, -1), right_outside = Outside(right, 1);
     chord.outside = std::max(left_outside, right_outside);
     chord.middle = (left + right) / 2;
@@ -169,7 +169,7 @@ class EdgePairSearch {
     // Even inside, and much the same ground on both sides, the smaller contrast at least
     // half the larger: not so in texture.
     if (least_contrast < threshold_ || 2 * least_contrast < contrast ||
-        100 * deviation > kMostUnevenPercent * contrast * count) {
+        100 * std::int64_t{deviation} > kMostUnevenPercent * contrast * count) {
       return std::nullopt;
     }
     return chord;

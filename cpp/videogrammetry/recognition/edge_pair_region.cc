@@ -12,7 +12,7 @@ constexpr int kSlack = 6;
 /// Pixels by which noise, or a hole in the border, may move an end of a row outwards.
 constexpr int kLeastJump = 4;
 /// Pixels that both ends of a small area's rows may go beyond their way out and back.
-constexpr int kMostExcess = 8;
+constexpr int kMostExcess = 6;
 /// Rows between two looks at the limits; a power of two.
 constexpr int kCheckEvery = 8;
 
@@ -29,7 +29,7 @@ std::int64_t Squares(std::int64_t m) { return m * (m + 1) * (2 * m + 1) / 6; }
 RegionGrower::RegionGrower(const SampleRows& rows, int max_extent_px)
     : rows_(rows),
       max_extent_(max_extent_px),
-      left_below_(static_cast<std::size_t>(max_extent_px) + 1) {}
+      left_ends_(2 * static_cast<std::size_t>(max_extent_px) + 1) {}
 
 bool RegionGrower::Grow(int x, int y, int level) {
   level_ = level;
@@ -48,7 +48,7 @@ void RegionGrower::Restart(int x, int y) {
   x0_ = x;
   y0_ = y;
   n_ = sx_ = sy_ = sxx_ = sxy_ = syy_ = 0;
-  sideways_ = num_below_ = 0;
+  sideways_ = 0;
   left_ = right_ = x;
   top_ = bottom_ = y;
   block_.count = 0;
@@ -60,7 +60,6 @@ RegionGrower::Next RegionGrower::Area(int x, int y) {
   const Next first = Row(y, 1, {x, x}, &start);
   if (first != Next::kRun) return first == Next::kWider ? first : Next::kFailed;
   Add(y, start);
-  left_below_[static_cast<std::size_t>(num_below_++)] = start.left;
   // Downwards first: should the area be refused, the rows to come know its border.
   const Next below = Walk(1, start);
   return below == Next::kEnd ? Walk(-1, start) : below;
@@ -92,12 +91,11 @@ RegionGrower::Next RegionGrower::Walk(int direction, Run last) {
     most_right = std::max(most_right, run.right);
     const int straight =
         start.left + run.left - 2 * least + 2 * most_right - start.right - run.right;
-    if (travelled - straight > kMostExcess + (most_right - least + std::abs(y - y0_)) / 8) {
+    if (travelled - straight > kMostExcess + std::abs(y - y0_) / 8) {
       return Next::kFailed;
     }
     Add(y, run);
     if (right_ - left_ >= max_extent_ || bottom_ - top_ >= max_extent_) return Next::kFailed;
-    if (direction > 0) left_below_[static_cast<std::size_t>(num_below_++)] = run.left;
     if ((y & (kCheckEvery - 1)) == 0 && IsRagged()) return Next::kFailed;
     last = run;
   }
@@ -179,6 +177,7 @@ void RegionGrower::Add(int y, const Run& run) {
   right_ = std::max(right_, run.right);
   top_ = std::min(top_, y);
   bottom_ = std::max(bottom_, y);
+  left_ends_[static_cast<std::size_t>(y - y0_ + max_extent_)] = run.left;
   const std::int64_t a = run.left - x0_, b = run.right - x0_, v = y - y0_, n = b - a + 1;
   const std::int64_t sum = n * (a + b) / 2;
   n_ += n;

@@ -32,11 +32,13 @@ class RegionGrower {
   bool Grow(int x, int y, int level);
 
   ContourMoments Moments() const;  ///< after Grow() returned true
-  /// Left end in the row y + i of the start, for i < num_below(); also after a failure.
-  int num_below() const { return num_below_; }
-  int left_below(int i) const { return left_below_[static_cast<std::size_t>(i)]; }
+  /// Left end of the area in a row from top() to bottom(); also after a failure, of the
+  /// rows met until then.
+  int left_end(int y) const { return left_ends_[static_cast<std::size_t>(y - y0_ + max_extent_)]; }
   int top() const { return top_; }
   int bottom() const { return bottom_; }
+  int left() const { return left_; }  ///< of the bounding box
+  int right() const { return right_; }
 
  private:
   enum class Next { kRun, kEnd, kWider, kFailed };
@@ -61,11 +63,10 @@ class RegionGrower {
 
   const SampleRows& rows_;
   const int max_extent_;
-  std::vector<int> left_below_;
+  std::vector<int> left_ends_;
   Block block_;
   bool wide_ = false;
   int x0_ = 0, y0_ = 0, level_ = 0, window_ = 0;
-  int num_below_ = 0;
   int left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   int sideways_ = 0;  ///< horizontal sides of the border
   // Sums over the pixels, from (x0_, y0_).

@@ -45,7 +45,7 @@ class EdgePairSearch {
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         visits_(rows.width, (max_length_ + 1) / row_step_ + 2),
         grower_(rows, max_length_ + 1),
-        line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings) +
+        line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings + 2) +
                                        edge_pair::kSampleSlack)) {}
 
   std::vector<DotRegion> Search() {
@@ -114,14 +114,13 @@ class EdgePairSearch {
     const Run fall{fall_start + 1, RunEnd(falls_, fall_start) + 1};
     if (fall.right - rise.left < 0.6 * min_diameter_) return;
     if (visits_.SeenEnough(y_ / row_step_, rise.left - 1, rise.right + 1)) return;
-    if (const auto chord = MeasureChord(rise, fall)) Follow(*chord);
+    if (const auto chord = MeasureChord(y_, rise, fall)) Follow(*chord);
   }
 
   // Values of a chord and its surroundings; x_ is the first one's pixel.
-  void ReadLine(const Run& rise, const Run& fall) {
-    x_ = std::max(0, rise.left - kSurroundings) & ~1;
-    const int end = std::min(rows_.width, fall.right + kSurroundings + 1);
-    rows_.Read(x_, y_, end - x_, line_.data());
+  void ReadLine(int y, int left, int right) {
+    x_ = std::max(0, left - kSurroundings) & ~1;
+    rows_.Read(x_, y, std::min(rows_.width, right + kSurroundings + 1) - x_, line_.data());
   }
   int Value(int x) const { return line_[static_cast<std::size_t>(x - x_)]; }
 
@@ -149,8 +148,8 @@ class EdgePairSearch {
     return lowest;
   }
 
-  std::optional<Chord> MeasureChord(const Run& rise, const Run& fall) {
-    ReadLine(rise, fall);
+  std::optional<Chord> MeasureChord(int y, const Run& rise, const Run& fall) {
+    ReadLine(y, rise.left, fall.right);
     const int left = Steepest(rise, 1), right = Steepest(fall, -1);
     if (right - left < 0.6 * min_diameter_ || right - left > max_length_) return std::nullopt;
     const int margin = (right - left) / 4, count = right - left - 2 * margin + 1;
@@ -177,30 +176,58 @@ class EdgePairSearch {
 
   void Follow(const Chord& chord) {
     const bool closed = grower_.Grow(chord.middle, y_, chord.level());
-    bool accepted = false;
-    if (closed) {
-      const ContourMoments moments = grower_.Moments();
-      accepted = Accept(moments);
-      if (accepted) {
-        const auto zero = static_cast<float>(rows_.flip);
-        regions_.push_back({moments, static_cast<float>(chord.inside) - zero,
-                            static_cast<float>(chord.outside) - zero});
-      }
-    }
-    for (int i = 0; i < grower_.num_below(); i += row_step_) {
-      visits_.Mark((y_ + i) / row_step_, grower_.left_below(i), accepted);
+    std::optional<ContourMoments> moments;
+    if (closed) moments = Accepted(grower_.Moments());
+    MarkBorder(moments.has_value());
+    if (!moments) return;
+    Chord best = chord;
+    if (4 * std::abs(moments->mean_y - y_) > moments->height_px) Improve(&best, &*moments);
+    const auto zero = static_cast<float>(rows_.flip);
+    regions_.push_back({*moments, static_cast<float>(best.inside) - zero,
+                        static_cast<float>(best.outside) - zero});
+  }
+
+  // In the rows to be scanned yet.
+  void MarkBorder(bool accepted) {
+    const int last = std::min(grower_.bottom(), y_ + max_length_);
+    for (int y = y_; y <= last; y += row_step_) {
+      if (y >= grower_.top()) visits_.Mark(y / row_step_, grower_.left_end(y), accepted);
     }
   }
 
-  bool Accept(const ContourMoments& m) const {
-    if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return false;
+  // A chord near the area's border is darker than the middle: its level is too low and its
+  // area too large. Measures the chord through the middle and cuts the area out anew.
+  void Improve(Chord* chord, ContourMoments* moments) {
+    const int x = static_cast<int>(moments->mean_x + 0.5);
+    const int y = static_cast<int>(moments->mean_y + 0.5);
+    ReadLine(y, grower_.left(), grower_.right());
+    if (Value(x) < chord->level()) return;
+    int left = x, right = x;
+    while (left > grower_.left() && Value(left - 1) >= chord->level()) --left;
+    while (right < grower_.right() && Value(right + 1) >= chord->level()) ++right;
+    // The area ends within a pixel of its steepest gradients; it stays off the border.
+    const Run rise{std::max(1, left - 1), left + 1};
+    const Run fall{right - 1, std::min(rows_.width - 2, right + 1)};
+    const auto middle = MeasureChord(y, rise, fall);
+    if (!middle || middle->level() == chord->level()) return;
+    if (!grower_.Grow(middle->middle, y, middle->level())) return;
+    const auto better = Accepted(grower_.Moments());
+    if (!better) return;
+    MarkBorder(true);
+    *chord = *middle;
+    *moments = *better;
+  }
+
+  std::optional<ContourMoments> Accepted(const ContourMoments& m) const {
+    if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return std::nullopt;
     // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
-    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return false;
+    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
     const auto ellipse = EllipseFromMoments(m);
-    if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return false;
+    if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return std::nullopt;
     // Half a pixel of freedom: the axes are judged after the fit.
-    return 2 * ellipse->semi_minor_px >= min_diameter_ - 1.0 &&
-           2 * ellipse->semi_major_px <= max_diameter_ + 1.0;
+    if (2 * ellipse->semi_minor_px < min_diameter_ - 1.0) return std::nullopt;
+    if (2 * ellipse->semi_major_px > max_diameter_ + 1.0) return std::nullopt;
+    return m;
   }
 
   const SampleRows rows_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <optional>
@@ -27,6 +28,9 @@ constexpr int kLongestEdge = 64;
 /// the gradient.
 constexpr int kSurroundings = 9;
 
+/// Columns that share the memory of the last area found in them.
+constexpr std::size_t kColumns = 8;
+
 /// Grey values along a chord.
 struct Chord {
   int middle = 0;  ///< a pixel of the area
@@ -46,7 +50,8 @@ class EdgePairSearch {
         visits_(rows.width, (max_length_ + 1) / row_step_ + 2),
         grower_(rows, max_length_ + 1),
         line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings + 2) +
-                                       edge_pair::kSampleSlack)) {}
+                                       edge_pair::kSampleSlack)),
+        latest_(static_cast<std::size_t>(rows.width) / kColumns + 1, -1) {}
 
   std::vector<DotRegion> Search() {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
@@ -182,9 +187,31 @@ class EdgePairSearch {
     if (!moments) return;
     Chord best = chord;
     if (4 * std::abs(moments->mean_y - y_) > moments->height_px) Improve(&best, &*moments);
+    if (IsKnown(*moments)) return;
     const auto zero = static_cast<float>(rows_.flip);
     regions_.push_back({*moments, static_cast<float>(best.inside) - zero,
                         static_cast<float>(best.outside) - zero});
+  }
+
+  // True for an area found before: from a row through the dot's lower border, which is too
+  // dark to have its edge where the area's border was met. One area is kept for every few
+  // columns, the last.
+  bool IsKnown(const ContourMoments& m) {
+    const auto column = static_cast<std::size_t>(m.mean_x) / kColumns;
+    const std::size_t first = column > 0 ? column - 1 : 0;
+    const std::size_t last = std::min(column + 1, latest_.size() - 1);
+    for (std::size_t i = first; i <= last; ++i) {
+      if (latest_[i] < 0) continue;
+      const ContourMoments& known = regions_[static_cast<std::size_t>(latest_[i])].moments;
+      // Half a pixel: what another level moves an area by.
+      if (std::abs(known.mean_x - m.mean_x) < 0.5 && std::abs(known.mean_y - m.mean_y) < 0.5 &&
+          std::abs(known.width_px - m.width_px) <= 2 &&
+          std::abs(known.height_px - m.height_px) <= 2) {
+        return true;
+      }
+    }
+    latest_[column] = static_cast<int>(regions_.size());
+    return false;
   }
 
   // In the rows to be scanned yet.
@@ -241,6 +268,7 @@ class EdgePairSearch {
   BorderVisits visits_;
   RegionGrower grower_;
   std::vector<std::uint16_t> line_;
+  std::vector<int> latest_;  ///< index of the last area centred in the columns, or -1
   std::vector<DotRegion> regions_;
 };
 

@@ -158,9 +158,11 @@ TEST(EdgePairSearchTest, FindsEveryDotOnceWithItsMoments) {
     const DotRegion* region = At(regions, e.x_px, e.y_px);
     ASSERT_NE(region, nullptr) << e.x_px << ", " << e.y_px;
     // A pixel belongs to the area or not: its border is uncertain by 1 / sqrt(12) px in
-    // each of about 4 r pixels, the centre by less than 0.29 / sqrt(4 * 3), and the
-    // axes' means alike; five of these.
-    const double bound = 5 * 0.29 / std::sqrt(4 * e.semi_minor_px);
+    // each of about 4 r pixels, the centre and the axes by less than 0.29 / sqrt(4 r);
+    // five of these. The blur of variance v moves the level inwards by v / 2 times the
+    // border's curvature, at most a / b^2.
+    const double bound = 5 * 0.29 / std::sqrt(4 * e.semi_minor_px) +
+                         0.25 * e.semi_major_px / (e.semi_minor_px * e.semi_minor_px);
     const auto found = EllipseFromMoments(region->moments);
     EXPECT_NEAR(found->x_px, e.x_px, bound);
     EXPECT_NEAR(found->y_px, e.y_px, bound);

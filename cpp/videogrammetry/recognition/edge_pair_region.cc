@@ -13,6 +13,10 @@ constexpr int kSlack = 6;
 constexpr int kLeastJump = 4;
 /// Pixels that both ends of a small area's rows may go beyond their way out and back.
 constexpr int kMostExcess = 6;
+/// Rows that an area as long as its start is looked at in at first.
+constexpr int kRowsALength = 8;
+/// Least EllipseLikeness() by those rows.
+constexpr double kRoughLikeness = 0.85;
 /// Rows between two looks at the limits; a power of two.
 constexpr int kCheckEvery = 8;
 
@@ -29,19 +33,34 @@ std::int64_t Squares(std::int64_t m) { return m * (m + 1) * (2 * m + 1) / 6; }
 RegionGrower::RegionGrower(const SampleRows& rows, int max_extent_px)
     : rows_(rows),
       max_extent_(max_extent_px),
-      left_ends_(2 * static_cast<std::size_t>(max_extent_px) + 1) {}
+      reach_(max_extent_px + max_extent_px / kRowsALength + 1),
+      left_ends_(2 * static_cast<std::size_t>(reach_) + 1) {}
 
-bool RegionGrower::Grow(int x, int y, int level) {
+bool RegionGrower::Grow(int x, int y, int level, int length_px) {
   level_ = level;
   // The word's window has the pixel in its middle, and its ends in the picture.
   window_ = std::max(0, std::min(x - 32, rows_.width - 64)) & ~1;
   wide_ = false;
+  step_ = std::clamp(length_px / kRowsALength, 1, reach_ - max_extent_);
+  if (step_ > 1) {
+    if (AreaOfAnyWidth(x, y) != Next::kEnd) return false;
+    ContourMoments moments = Moments();
+    moments.area *= step_;
+    if (bottom_ - top_ >= kRowsALength * step_ && EllipseLikeness(moments) < kRoughLikeness) {
+      return false;
+    }
+    step_ = 1;
+  }
+  return AreaOfAnyWidth(x, y) == Next::kEnd && !IsRagged();
+}
+
+RegionGrower::Next RegionGrower::AreaOfAnyWidth(int x, int y) {
   Next end = Area(x, y);
-  if (end == Next::kWider) {
+  if (end == Next::kWider && !wide_) {
     wide_ = true;
     end = Area(x, y);
   }
-  return end == Next::kEnd && !IsRagged();
+  return end;
 }
 
 void RegionGrower::Restart(int x, int y) {
@@ -74,14 +93,15 @@ RegionGrower::Next RegionGrower::Walk(int direction, Run last) {
   // excess.
   const Run start = last;
   int least = start.left, most_right = start.right, travelled = 0;
-  for (int y = y0_ + direction;; y += direction) {
+  for (int y = y0_ + direction * step_;; y += direction * step_) {
     if (y < 0 || y >= rows_.height) return Next::kFailed;  // cut by the picture's border
     Run run;
     const Next next = Row(y, direction, last, &run);
     if (next == Next::kEnd) sideways_ += last.right - last.left + 1;
     if (next == Next::kEnd || next == Next::kFailed) return next;
     const int to_left = last.left - run.left, to_right = run.right - last.right;
-    const int most = std::max(0, outwards) + kLeastJump + (last.right - last.left) / 8;
+    const int most = std::max(0, outwards) + kLeastJump +
+                     (last.right - last.left) / (step_ == 1 ? 8 : 2);
     outwards = std::max(to_left, to_right);
     if (outwards > most) return Next::kFailed;
     if (next == Next::kWider) return next;
@@ -95,9 +115,18 @@ RegionGrower::Next RegionGrower::Walk(int direction, Run last) {
       return Next::kFailed;
     }
     Add(y, run);
+    if (step_ > 1) FillBetween(y, direction, last, run);
     if (right_ - left_ >= max_extent_ || bottom_ - top_ >= max_extent_) return Next::kFailed;
-    if ((y & (kCheckEvery - 1)) == 0 && IsRagged()) return Next::kFailed;
+    if (step_ == 1 && (y & (kCheckEvery - 1)) == 0 && IsRagged()) return Next::kFailed;
     last = run;
+  }
+}
+
+// The left ends in the rows passed over.
+void RegionGrower::FillBetween(int y, int direction, const Run& last, const Run& run) {
+  for (int i = 1; i < step_; ++i) {
+    left_ends_[static_cast<std::size_t>(y - direction * i - y0_ + reach_)] =
+        run.left + (last.left - run.left) * i / step_;
   }
 }
 
@@ -108,12 +137,15 @@ RegionGrower::Next RegionGrower::Row(int y, int direction, const Run& last, Run*
 }
 
 RegionGrower::Next RegionGrower::NarrowRow(int y, int direction, const Run& last, Run* run) {
-  if (y < block_.first || y >= block_.first + block_.count) {
-    block_.first = direction > 0 ? y : std::max(0, y - kBlock + 1);
-    block_.count = direction > 0 ? std::min(kBlock, rows_.height - y) : y - block_.first + 1;
-    rows_.Mask(window_, block_.first, block_.count, level_, block_.masks.data());
+  int row = (y - block_.first) / step_;
+  if (y < block_.first || row >= block_.count) {
+    const int left = direction > 0 ? rows_.height - 1 - y : y;
+    block_.count = std::min(kBlock, left / step_ + 1);
+    row = direction > 0 ? 0 : block_.count - 1;
+    block_.first = y - row * step_;
+    rows_.Mask(window_, block_.first, step_, block_.count, level_, block_.masks.data());
   }
-  const std::uint64_t mask = block_.masks[static_cast<std::size_t>(y - block_.first)];
+  const std::uint64_t mask = block_.masks[static_cast<std::size_t>(row)];
   const std::uint64_t touching = mask & Span(last.left - window_, last.right - window_);
   if (touching == 0) return Next::kEnd;
   const int first = std::countr_zero(touching), final = 63 - std::countl_zero(touching);
@@ -130,7 +162,7 @@ RegionGrower::Next RegionGrower::NarrowRow(int y, int direction, const Run& last
 
 std::uint64_t RegionGrower::Word(int y, int x) const {
   std::uint64_t word;
-  rows_.Mask(x, y, 1, level_, &word);
+  rows_.Mask(x, y, 1, 1, level_, &word);
   return word;
 }
 
@@ -177,7 +209,7 @@ void RegionGrower::Add(int y, const Run& run) {
   right_ = std::max(right_, run.right);
   top_ = std::min(top_, y);
   bottom_ = std::max(bottom_, y);
-  left_ends_[static_cast<std::size_t>(y - y0_ + max_extent_)] = run.left;
+  left_ends_[static_cast<std::size_t>(y - y0_ + reach_)] = run.left;
   const std::int64_t a = run.left - x0_, b = run.right - x0_, v = y - y0_, n = b - a + 1;
   const std::int64_t sum = n * (a + b) / 2;
   n_ += n;

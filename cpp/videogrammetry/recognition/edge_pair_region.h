@@ -29,12 +29,15 @@ class RegionGrower {
 
   /// @return true if the area is closed, within the extent and not ragged: see
   ///     ContourFollower.
-  bool Grow(int x, int y, int level);
+  ///
+  /// @param length_px  of the row's part, about: for one longer than 16 px a few rows tell
+  ///     first whether it is worth to go through all of them.
+  bool Grow(int x, int y, int level, int length_px);
 
   ContourMoments Moments() const;  ///< after Grow() returned true
   /// Left end of the area in a row from top() to bottom(); also after a failure, of the
   /// rows met until then.
-  int left_end(int y) const { return left_ends_[static_cast<std::size_t>(y - y0_ + max_extent_)]; }
+  int left_end(int y) const { return left_ends_[static_cast<std::size_t>(y - y0_ + reach_)]; }
   int top() const { return top_; }
   int bottom() const { return bottom_; }
   int left() const { return left_; }  ///< of the bounding box
@@ -53,6 +56,8 @@ class RegionGrower {
 
   void Restart(int x, int y);
   Next Area(int x, int y);
+  Next AreaOfAnyWidth(int x, int y);
+  void FillBetween(int y, int direction, const Run& last, const Run& run);
   Next Walk(int direction, Run last);
   Next Row(int y, int direction, const Run& last, Run* run);
   Next NarrowRow(int y, int direction, const Run& last, Run* run);
@@ -63,9 +68,11 @@ class RegionGrower {
 
   const SampleRows& rows_;
   const int max_extent_;
+  const int reach_;  ///< rows from the start that may be met
   std::vector<int> left_ends_;
   Block block_;
   bool wide_ = false;
+  int step_ = 1;  ///< rows from one looked at to the next
   int x0_ = 0, y0_ = 0, level_ = 0, window_ = 0;
   int left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   int sideways_ = 0;  ///< horizontal sides of the border

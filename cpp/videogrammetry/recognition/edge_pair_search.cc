@@ -34,6 +34,7 @@ constexpr std::size_t kColumns = 8;
 /// Grey values along a chord.
 struct Chord {
   int middle = 0;  ///< a pixel of the area
+  int length = 0;
   int inside = 0, outside = 0;
   int level() const { return outside + (inside - outside + 1) / 2; }
 };
@@ -168,6 +169,7 @@ class EdgePairSearch {
     const int left_outside = Outside(left, -1), right_outside = Outside(right, 1);
     chord.outside = std::max(left_outside, right_outside);
     chord.middle = (left + right) / 2;
+    chord.length = right - left;
     const int least_contrast = chord.inside - chord.outside;
     const int contrast = chord.inside - std::min(left_outside, right_outside);
     // Even inside, and much the same ground on both sides, the smaller contrast at least
@@ -180,7 +182,7 @@ class EdgePairSearch {
   }
 
   void Follow(const Chord& chord) {
-    const bool closed = grower_.Grow(chord.middle, y_, chord.level());
+    const bool closed = grower_.Grow(chord.middle, y_, chord.level(), chord.length);
     std::optional<ContourMoments> moments;
     if (closed) moments = Accepted(grower_.Moments());
     MarkBorder(moments.has_value());
@@ -237,7 +239,7 @@ class EdgePairSearch {
     const Run fall{right - 1, std::min(rows_.width - 2, right + 1)};
     const auto middle = MeasureChord(y, rise, fall);
     if (!middle || middle->level() == chord->level()) return;
-    if (!grower_.Grow(middle->middle, y, middle->level())) return;
+    if (!grower_.Grow(middle->middle, y, middle->level(), 1)) return;
     const auto better = Accepted(grower_.Moments());
     if (!better) return;
     MarkBorder(true);

@@ -25,9 +25,6 @@ std::uint64_t Span(int first, int last) {
   return (~std::uint64_t{0} >> (63 - last)) & (~std::uint64_t{0} << first);
 }
 
-/// Sum of squares 0 ... m; 0 for -1.
-std::int64_t Squares(std::int64_t m) { return m * (m + 1) * (2 * m + 1) / 6; }
-
 }  // namespace
 
 RegionGrower::RegionGrower(const SampleRows& rows, int max_extent_px)
@@ -66,7 +63,7 @@ RegionGrower::Next RegionGrower::AreaOfAnyWidth(int x, int y) {
 void RegionGrower::Restart(int x, int y) {
   x0_ = x;
   y0_ = y;
-  n_ = sx_ = sy_ = sxx_ = sxy_ = syy_ = 0;
+  n_ = sx2_ = sy_ = sxx12_ = sxy2_ = syy_ = 0;
   sideways_ = 0;
   left_ = right_ = x;
   top_ = bottom_ = y;
@@ -100,8 +97,8 @@ RegionGrower::Next RegionGrower::Walk(int direction, Run last) {
     if (next == Next::kEnd) sideways_ += last.right - last.left + 1;
     if (next == Next::kEnd || next == Next::kFailed) return next;
     const int to_left = last.left - run.left, to_right = run.right - last.right;
-    const int most = std::max(0, outwards) + kLeastJump +
-                     (last.right - last.left) / (step_ == 1 ? 8 : 2);
+    const int most =
+        std::max(0, outwards) + kLeastJump + (last.right - last.left) / (step_ == 1 ? 8 : 2);
     outwards = std::max(to_left, to_right);
     if (outwards > most) return Next::kFailed;
     if (next == Next::kWider) return next;
@@ -210,14 +207,15 @@ void RegionGrower::Add(int y, const Run& run) {
   top_ = std::min(top_, y);
   bottom_ = std::max(bottom_, y);
   left_ends_[static_cast<std::size_t>(y - y0_ + reach_)] = run.left;
-  const std::int64_t a = run.left - x0_, b = run.right - x0_, v = y - y0_, n = b - a + 1;
-  const std::int64_t sum = n * (a + b) / 2;
+  // From the run's doubled middle c: sum x = n c / 2, sum x^2 = n c^2 / 4 + n (n^2 - 1) / 12.
+  const std::int64_t c = run.left + run.right - 2 * x0_, n = run.right - run.left + 1;
+  const std::int64_t v = y - y0_, nc = n * c, nv = n * v;
   n_ += n;
-  sx_ += sum;
-  sy_ += n * v;
-  sxx_ += Squares(b) - Squares(a - 1);
-  sxy_ += sum * v;
-  syy_ += n * v * v;
+  sx2_ += nc;
+  sy_ += nv;
+  sxx12_ += 3 * nc * c + n * (n * n - 1);
+  sxy2_ += nc * v;
+  syy_ += nv * v;
 }
 
 bool RegionGrower::IsRagged() const {
@@ -231,12 +229,12 @@ ContourMoments RegionGrower::Moments() const {
   m.width_px = right_ - left_ + 1;
   m.height_px = bottom_ - top_ + 1;
   const auto n = static_cast<double>(n_);
-  const double mx = static_cast<double>(sx_) / n, my = static_cast<double>(sy_) / n;
+  const double mx = 0.5 * static_cast<double>(sx2_) / n, my = static_cast<double>(sy_) / n;
   m.area = n;
   m.mean_x = x0_ + mx;
   m.mean_y = y0_ + my;
-  m.var_xx = static_cast<double>(sxx_) / n - mx * mx;
-  m.var_xy = static_cast<double>(sxy_) / n - mx * my;
+  m.var_xx = static_cast<double>(sxx12_) / (12 * n) - mx * mx;
+  m.var_xy = 0.5 * static_cast<double>(sxy2_) / n - mx * my;
   m.var_yy = static_cast<double>(syy_) / n - my * my;
   return m;
 }

@@ -76,8 +76,8 @@ class RegionGrower {
   int x0_ = 0, y0_ = 0, level_ = 0, window_ = 0;
   int left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   int sideways_ = 0;  ///< horizontal sides of the border
-  // Sums over the pixels, from (x0_, y0_).
-  std::int64_t n_ = 0, sx_ = 0, sy_ = 0, sxx_ = 0, sxy_ = 0, syy_ = 0;
+  // Sums over the pixels, from (x0_, y0_), times what makes them whole numbers.
+  std::int64_t n_ = 0, sx2_ = 0, sy_ = 0, sxx12_ = 0, sxy2_ = 0, syy_ = 0;
 };
 
 }  // namespace videogrammetry::edge_pair

@@ -48,6 +48,7 @@ class EdgePairSearch {
         max_diameter_(diameter_px[1]),
         max_length_(static_cast<int>(max_diameter_ + 1)),
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
+        least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
         visits_(rows.width, (max_length_ + 1) / row_step_ + 2),
         grower_(rows, max_length_ + 1),
         line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings + 2) +
@@ -61,11 +62,11 @@ class EdgePairSearch {
     // In negated values rises and falls change places.
     rises_ = rows_.flip == 0 ? up.data() : down.data();
     falls_ = rows_.flip == 0 ? down.data() : up.data();
-    for (y_ = row_step_ / 2; y_ < rows_.height; y_ += row_step_) {
+    for (y_ = row_step_ / 2, row_ = 0; y_ < rows_.height; y_ += row_step_, ++row_) {
       const int found = rows_.kernels->edges(rows_.row(y_), rows_.width, threshold_, up.data(),
                                              down.data(), which.data());
       ScanRow(which.data(), found);
-      visits_.Leave(y_ / row_step_);
+      visits_.Leave(row_);
     }
     return std::move(regions_);
   }
@@ -118,8 +119,8 @@ class EdgePairSearch {
     // Bit i belongs to pixel i + 1.
     const Run rise{RunStart(rises_, rise_end) + 1, rise_end + 1};
     const Run fall{fall_start + 1, RunEnd(falls_, fall_start) + 1};
-    if (fall.right - rise.left < 0.6 * min_diameter_) return;
-    if (visits_.SeenEnough(y_ / row_step_, rise.left - 1, rise.right + 1)) return;
+    if (fall.right - rise.left < least_length_) return;
+    if (visits_.SeenEnough(row_, rise.left - 1, rise.right + 1)) return;
     if (const auto chord = MeasureChord(y_, rise, fall)) Follow(*chord);
   }
 
@@ -157,7 +158,7 @@ class EdgePairSearch {
   std::optional<Chord> MeasureChord(int y, const Run& rise, const Run& fall) {
     ReadLine(y, rise.left, fall.right);
     const int left = Steepest(rise, 1), right = Steepest(fall, -1);
-    if (right - left < 0.6 * min_diameter_ || right - left > max_length_) return std::nullopt;
+    if (right - left < least_length_ || right - left > max_length_) return std::nullopt;
     const int margin = (right - left) / 4, count = right - left - 2 * margin + 1;
     // 2003 values of 16 bits at most: within 32 bits.
     const std::uint16_t* middle = line_.data() + (left + margin - x_);
@@ -219,8 +220,8 @@ class EdgePairSearch {
   // In the rows to be scanned yet.
   void MarkBorder(bool accepted) {
     const int last = std::min(grower_.bottom(), y_ + max_length_);
-    for (int y = y_; y <= last; y += row_step_) {
-      if (y >= grower_.top()) visits_.Mark(y / row_step_, grower_.left_end(y), accepted);
+    for (int y = y_, row = row_; y <= last; y += row_step_, ++row) {
+      if (y >= grower_.top()) visits_.Mark(row, grower_.left_end(y), accepted);
     }
   }
 
@@ -248,7 +249,7 @@ class EdgePairSearch {
   }
 
   std::optional<ContourMoments> Accepted(const ContourMoments& m) const {
-    if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return std::nullopt;
+    if (std::min(m.width_px, m.height_px) < least_length_) return std::nullopt;
     // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
     if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
     const auto ellipse = EllipseFromMoments(m);
@@ -264,9 +265,11 @@ class EdgePairSearch {
   const double min_diameter_, max_diameter_;
   const int max_length_;  ///< of a chord, from edge to edge
   const int row_step_;
+  const int least_length_;  ///< of a chord
   const std::uint64_t* rises_ = nullptr;
   const std::uint64_t* falls_ = nullptr;
   int x_ = 0, y_ = 0;
+  int row_ = 0;  ///< index of y_ among the scanned rows
   BorderVisits visits_;
   RegionGrower grower_;
   std::vector<std::uint16_t> line_;

@@ -38,26 +38,31 @@ bool RegionGrower::Grow(int x, int y, int level, int length_px) {
   // The word's window has the pixel in its middle, and its ends in the picture.
   window_ = std::max(0, std::min(x - 32, rows_.width - 64)) & ~1;
   wide_ = false;
-  step_ = std::clamp(length_px / kRowsALength, 1, reach_ - max_extent_);
-  if (step_ > 1) {
-    if (AreaOfAnyWidth(x, y) != Next::kEnd) return false;
-    ContourMoments moments = Moments();
-    moments.area *= step_;
-    if (bottom_ - top_ >= kRowsALength * step_ && EllipseLikeness(moments) < kRoughLikeness) {
-      return false;
+  step_ = RoughStep(length_px);
+  for (;;) {
+    const Next end = Area(x, y);
+    if (end == Next::kWider) {
+      // A few rows first: clutter on bright ground comes this far.
+      wide_ = true;
+      step_ = std::max(step_, RoughStep(right_ - left_ + 1));
+    } else if (step_ == 1) {
+      return end == Next::kEnd && !IsRagged();
+    } else {
+      if (end != Next::kEnd || !MayBeEllipse()) return false;
+      step_ = 1;
     }
-    step_ = 1;
   }
-  return AreaOfAnyWidth(x, y) == Next::kEnd && !IsRagged();
 }
 
-RegionGrower::Next RegionGrower::AreaOfAnyWidth(int x, int y) {
-  Next end = Area(x, y);
-  if (end == Next::kWider && !wide_) {
-    wide_ = true;
-    end = Area(x, y);
-  }
-  return end;
+int RegionGrower::RoughStep(int length_px) const {
+  return std::clamp(length_px / kRowsALength, 1, reach_ - max_extent_);
+}
+
+bool RegionGrower::MayBeEllipse() const {
+  if (bottom_ - top_ < kRowsALength * step_) return true;  // too few rows to tell
+  ContourMoments moments = Moments();
+  moments.area *= step_;
+  return EllipseLikeness(moments) >= kRoughLikeness;
 }
 
 void RegionGrower::Restart(int x, int y) {

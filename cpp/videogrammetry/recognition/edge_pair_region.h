@@ -56,7 +56,8 @@ class RegionGrower {
 
   void Restart(int x, int y);
   Next Area(int x, int y);
-  Next AreaOfAnyWidth(int x, int y);
+  int RoughStep(int length_px) const;
+  bool MayBeEllipse() const;
   void FillBetween(int y, int direction, const Run& last, const Run& run);
   Next Walk(int direction, Run last);
   Next Row(int y, int direction, const Run& last, Run* run);

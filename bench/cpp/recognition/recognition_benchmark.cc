@@ -2,13 +2,16 @@
 // of 20 px on uneven, noisy ground. Counters: targets found, bytes a second.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <random>
 #include <vector>
 
 #include "videogrammetry/recognition/bilinear.h"
 #include "videogrammetry/recognition/candidate_search.h"
+#include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/gradient_mask.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/recognize.h"
@@ -100,6 +103,57 @@ void Search(benchmark::State& state) {
 }
 BENCHMARK(Search<std::uint8_t>)->Unit(benchmark::kMicrosecond);
 BENCHMARK(Search<std::uint16_t>)->Unit(benchmark::kMicrosecond);
+
+/// The picture in a storage: 8 bit, 12 bit in 16, 12 bit packed.
+FrameView Stored(std::int64_t bits) {
+  if (bits == 8) return View<std::uint8_t>();
+  if (bits == 16) return View<std::uint16_t>();
+  static const std::vector<std::uint8_t> packed = [] {
+    std::vector<std::uint8_t> out;
+    const auto& samples = Pixels<std::uint16_t>();
+    for (std::size_t i = 0; i + 1 < samples.size(); i += 2) {
+      const int a = std::min<int>(samples[i], 4095), b = std::min<int>(samples[i + 1], 4095);
+      for (const int byte : {a >> 4, (a & 15) << 4 | b >> 8, b & 255}) {
+        out.push_back(static_cast<std::uint8_t>(byte));
+      }
+    }
+    return out;
+  }();
+  return Packed12View(packed.data(), kWidth, kHeight, PackedOrder::kHighFirst);
+}
+
+// The floor of every search: each byte of the frame read once.
+void MemoryRead(benchmark::State& state) {
+  const std::int64_t bytes = kWidth * kHeight * (state.range(0) == 12 ? 3 : state.range(0) / 4) / 2;
+  const auto* data = std::visit(
+      [](const auto& view) { return reinterpret_cast<const unsigned char*>(view.data()); },
+      Stored(state.range(0)));
+  for (auto _ : state) {
+    std::uint64_t sums[8] = {};
+    for (std::int64_t i = 0; i + 64 <= bytes; i += 64) {
+      std::uint64_t words[8];
+      std::memcpy(words, data + i, sizeof(words));
+      for (int k = 0; k < 8; ++k) sums[k] += words[k];
+    }
+    benchmark::DoNotOptimize(sums);
+  }
+  state.SetBytesProcessed(state.iterations() * bytes);
+}
+BENCHMARK(MemoryRead)->Arg(8)->Arg(16)->Arg(12)->Unit(benchmark::kMicrosecond);
+
+void EdgePairs(benchmark::State& state) {
+  const FrameView frame = Stored(state.range(0));
+  const auto set = static_cast<InstructionSet>(state.range(1));
+  if (set > DetectInstructionSet()) {
+    state.SkipWithError("not on this processor");
+    return;
+  }
+  std::size_t count = 0;
+  for (auto _ : state) count = FindDotRegions(frame, 1, {5.0, 200.0}, set).size();
+  state.counters["regions"] = static_cast<double>(count);
+  state.SetLabel(InstructionSetName(set));
+}
+BENCHMARK(EdgePairs)->ArgsProduct({{8, 16, 12}, {0, 1, 2}})->Unit(benchmark::kMicrosecond);
 
 template <typename T>
 void Whole(benchmark::State& state) {

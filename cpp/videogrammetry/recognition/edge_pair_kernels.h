@@ -28,6 +28,8 @@ struct Kernels {
   /// kSampleSlack values more.
   void (*samples)(const std::uint8_t* row, int width, int x, int count, std::uint16_t flip,
                   std::uint16_t* out);
+  /// How many of `count` values are at most `limit`; count < 65536.
+  int (*count_up_to)(const std::uint16_t* values, int count, std::uint16_t limit);
 };
 constexpr int kSampleSlack = 32;
 

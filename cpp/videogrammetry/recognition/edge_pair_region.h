@@ -29,14 +29,19 @@ class RegionGrower {
 
   /// @return true if the area is closed, within the extent and not ragged: see
   ///     ContourFollower.
-  bool Grow(int x, int y, int level);
+  ///
+  /// @param length_px  of the row's part, about: for one longer than 16 px a few rows tell
+  ///     first whether it is worth to go through all of them.
+  bool Grow(int x, int y, int level, int length_px);
 
   ContourMoments Moments() const;  ///< after Grow() returned true
-  /// Left end in the row y + i of the start, for i < num_below(); also after a failure.
-  int num_below() const { return num_below_; }
-  int left_below(int i) const { return left_below_[static_cast<std::size_t>(i)]; }
+  /// Left end of the area in a row from top() to bottom(); also after a failure, of the
+  /// rows met until then.
+  int left_end(int y) const { return left_ends_[static_cast<std::size_t>(y - y0_ + reach_)]; }
   int top() const { return top_; }
   int bottom() const { return bottom_; }
+  int left() const { return left_; }  ///< of the bounding box
+  int right() const { return right_; }
 
  private:
   enum class Next { kRun, kEnd, kWider, kFailed };
@@ -51,6 +56,9 @@ class RegionGrower {
 
   void Restart(int x, int y);
   Next Area(int x, int y);
+  int RoughStep(int length_px) const;
+  bool MayBeEllipse() const;
+  void FillBetween(int y, int direction, const Run& last, const Run& run);
   Next Walk(int direction, Run last);
   Next Row(int y, int direction, const Run& last, Run* run);
   Next NarrowRow(int y, int direction, const Run& last, Run* run);
@@ -61,15 +69,16 @@ class RegionGrower {
 
   const SampleRows& rows_;
   const int max_extent_;
-  std::vector<int> left_below_;
+  const int reach_;  ///< rows from the start that may be met
+  std::vector<int> left_ends_;
   Block block_;
   bool wide_ = false;
+  int step_ = 1;  ///< rows from one looked at to the next
   int x0_ = 0, y0_ = 0, level_ = 0, window_ = 0;
-  int num_below_ = 0;
   int left_ = 0, right_ = 0, top_ = 0, bottom_ = 0;
   int sideways_ = 0;  ///< horizontal sides of the border
-  // Sums over the pixels, from (x0_, y0_).
-  std::int64_t n_ = 0, sx_ = 0, sy_ = 0, sxx_ = 0, sxy_ = 0, syy_ = 0;
+  // Sums over the pixels, from (x0_, y0_), times what makes them whole numbers.
+  std::int64_t n_ = 0, sx2_ = 0, sy_ = 0, sxx12_ = 0, sxy2_ = 0, syy_ = 0;
 };
 
 }  // namespace videogrammetry::edge_pair

@@ -21,9 +21,9 @@ struct SampleRows {
   void Read(int x, int y, int count, std::uint16_t* out) const {
     kernels->samples(row(y), width, x, count, flip, out);
   }
-  /// One word for each of `num_rows` rows: see Kernels::levels. x is even.
-  void Mask(int x, int y, int num_rows, int level, std::uint64_t* out) const {
-    kernels->levels(row(y), stride_bytes, num_rows, x, width, flip ? 65535 - level : level,
+  /// One word for each of `num_rows` rows, `step` apart: see Kernels::levels. x is even.
+  void Mask(int x, int y, int step, int num_rows, int level, std::uint64_t* out) const {
+    kernels->levels(row(y), step * stride_bytes, num_rows, x, width, flip ? 65535 - level : level,
                     flip != 0, out);
   }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <optional>
@@ -26,9 +27,13 @@ constexpr int kLongestEdge = 64;
 /// the gradient.
 constexpr int kSurroundings = 9;
 
+/// Columns that share the memory of the last area found in them.
+constexpr std::size_t kColumns = 8;
+
 /// Grey values along a chord.
 struct Chord {
   int middle = 0;  ///< a pixel of the area
+  int length = 0;
   int inside = 0, outside = 0;
   int level() const { return outside + (inside - outside + 1) / 2; }
 };
@@ -42,10 +47,12 @@ class EdgePairSearch {
         max_diameter_(diameter_px[1]),
         max_length_(static_cast<int>(max_diameter_ + 1)),
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
+        least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
         visits_(rows.width, (max_length_ + 1) / row_step_ + 2),
         grower_(rows, max_length_ + 1),
-        line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings) +
-                                       edge_pair::kSampleSlack)) {}
+        line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings + 2) +
+                                       edge_pair::kSampleSlack)),
+        latest_(static_cast<std::size_t>(rows.width) / kColumns + 1, -1) {}
 
   std::vector<DotRegion> Search() {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
@@ -54,11 +61,11 @@ class EdgePairSearch {
     // In negated values rises and falls change places.
     rises_ = rows_.flip == 0 ? up.data() : down.data();
     falls_ = rows_.flip == 0 ? down.data() : up.data();
-    for (y_ = row_step_ / 2; y_ < rows_.height; y_ += row_step_) {
+    for (y_ = row_step_ / 2, row_ = 0; y_ < rows_.height; y_ += row_step_, ++row_) {
       const int found = rows_.kernels->edges(rows_.row(y_), rows_.width, threshold_, up.data(),
                                              down.data(), which.data());
       ScanRow(which.data(), found);
-      visits_.Leave(y_ / row_step_);
+      visits_.Leave(row_);
     }
     return std::move(regions_);
   }
@@ -111,16 +118,15 @@ class EdgePairSearch {
     // Bit i belongs to pixel i + 1.
     const Run rise{RunStart(rises_, rise_end) + 1, rise_end + 1};
     const Run fall{fall_start + 1, RunEnd(falls_, fall_start) + 1};
-    if (fall.right - rise.left < 0.6 * min_diameter_) return;
-    if (visits_.SeenEnough(y_ / row_step_, rise.left - 1, rise.right + 1)) return;
-    if (const auto chord = MeasureChord(rise, fall)) Follow(*chord);
+    if (fall.right - rise.left < least_length_) return;
+    if (visits_.SeenEnough(row_, rise.left - 1, rise.right + 1)) return;
+    if (const auto chord = MeasureChord(y_, rise, fall)) Follow(*chord);
   }
 
   // Values of a chord and its surroundings; x_ is the first one's pixel.
-  void ReadLine(const Run& rise, const Run& fall) {
-    x_ = std::max(0, rise.left - kSurroundings) & ~1;
-    const int end = std::min(rows_.width, fall.right + kSurroundings + 1);
-    rows_.Read(x_, y_, end - x_, line_.data());
+  void ReadLine(int y, int left, int right) {
+    x_ = std::max(0, left - kSurroundings) & ~1;
+    rows_.Read(x_, y, std::min(rows_.width, right + kSurroundings + 1) - x_, line_.data());
   }
   int Value(int x) const { return line_[static_cast<std::size_t>(x - x_)]; }
 
@@ -148,58 +154,109 @@ class EdgePairSearch {
     return lowest;
   }
 
-  std::optional<Chord> MeasureChord(const Run& rise, const Run& fall) {
-    ReadLine(rise, fall);
+  std::optional<Chord> MeasureChord(int y, const Run& rise, const Run& fall) {
+    ReadLine(y, rise.left, fall.right);
     const int left = Steepest(rise, 1), right = Steepest(fall, -1);
-    if (right - left < 0.6 * min_diameter_ || right - left > max_length_) return std::nullopt;
+    if (right - left < least_length_ || right - left > max_length_) return std::nullopt;
     const int margin = (right - left) / 4, count = right - left - 2 * margin + 1;
-    std::int64_t sum = 0, deviation = 0;
-    for (int x = left + margin; x <= right - margin; ++x) sum += Value(x);
+    // 2003 values of 16 bits at most: within 32 bits.
+    const std::uint16_t* middle = line_.data() + (left + margin - x_);
+    int sum = 0, deviation = 0;
+    for (int i = 0; i < count; ++i) sum += middle[i];
     Chord chord;
-    chord.inside = static_cast<int>(sum / count);
-    for (int x = left + margin; x <= right - margin; ++x) {
-      deviation += std::abs(Value(x) - chord.inside);
-    }
+    chord.inside = sum / count;
+    for (int i = 0; i < count; ++i) deviation += std::abs(middle[i] - chord.inside);
     const int left_outside = Outside(left, -1), right_outside = Outside(right, 1);
     chord.outside = std::max(left_outside, right_outside);
     chord.middle = (left + right) / 2;
+    chord.length = right - left;
     const int least_contrast = chord.inside - chord.outside;
     const int contrast = chord.inside - std::min(left_outside, right_outside);
     // Even inside, and much the same ground on both sides, the smaller contrast at least
     // half the larger: not so in texture.
     if (least_contrast < threshold_ || 2 * least_contrast < contrast ||
-        100 * deviation > kMostUnevenPercent * contrast * count) {
+        100 * std::int64_t{deviation} > kMostUnevenPercent * contrast * count) {
       return std::nullopt;
     }
     return chord;
   }
 
   void Follow(const Chord& chord) {
-    const bool closed = grower_.Grow(chord.middle, y_, chord.level());
-    bool accepted = false;
-    if (closed) {
-      const ContourMoments moments = grower_.Moments();
-      accepted = Accept(moments);
-      if (accepted) {
-        const auto zero = static_cast<float>(rows_.flip);
-        regions_.push_back({moments, static_cast<float>(chord.inside) - zero,
-                            static_cast<float>(chord.outside) - zero});
+    const bool closed = grower_.Grow(chord.middle, y_, chord.level(), chord.length);
+    std::optional<ContourMoments> moments;
+    if (closed) moments = Accepted(grower_.Moments());
+    MarkBorder(moments.has_value());
+    if (!moments) return;
+    Chord best = chord;
+    if (4 * std::abs(moments->mean_y - y_) > moments->height_px) Improve(&best, &*moments);
+    if (IsKnown(*moments)) return;
+    const auto zero = static_cast<float>(rows_.flip);
+    regions_.push_back({*moments, static_cast<float>(best.inside) - zero,
+                        static_cast<float>(best.outside) - zero});
+  }
+
+  // True for an area found before: from a row through the dot's lower border, which is too
+  // dark to have its edge where the area's border was met. One area is kept for every few
+  // columns, the last.
+  bool IsKnown(const ContourMoments& m) {
+    const auto column = static_cast<std::size_t>(m.mean_x) / kColumns;
+    const std::size_t first = column > 0 ? column - 1 : 0;
+    const std::size_t last = std::min(column + 1, latest_.size() - 1);
+    for (std::size_t i = first; i <= last; ++i) {
+      if (latest_[i] < 0) continue;
+      const ContourMoments& known = regions_[static_cast<std::size_t>(latest_[i])].moments;
+      // Half a pixel: what another level moves an area by.
+      if (std::abs(known.mean_x - m.mean_x) < 0.5 && std::abs(known.mean_y - m.mean_y) < 0.5 &&
+          std::abs(known.width_px - m.width_px) <= 2 &&
+          std::abs(known.height_px - m.height_px) <= 2) {
+        return true;
       }
     }
-    for (int i = 0; i < grower_.num_below(); i += row_step_) {
-      visits_.Mark((y_ + i) / row_step_, grower_.left_below(i), accepted);
+    latest_[column] = static_cast<int>(regions_.size());
+    return false;
+  }
+
+  // In the rows to be scanned yet.
+  void MarkBorder(bool accepted) {
+    const int last = std::min(grower_.bottom(), y_ + max_length_);
+    for (int y = y_, row = row_; y <= last; y += row_step_, ++row) {
+      if (y >= grower_.top()) visits_.Mark(row, grower_.left_end(y), accepted);
     }
   }
 
-  bool Accept(const ContourMoments& m) const {
-    if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return false;
+  // A chord near the area's border is darker than the middle: its level is too low and its
+  // area too large. Measures the chord through the middle and cuts the area out anew.
+  void Improve(Chord* chord, ContourMoments* moments) {
+    const int x = static_cast<int>(moments->mean_x + 0.5);
+    const int y = static_cast<int>(moments->mean_y + 0.5);
+    ReadLine(y, grower_.left(), grower_.right());
+    if (Value(x) < chord->level()) return;
+    int left = x, right = x;
+    while (left > grower_.left() && Value(left - 1) >= chord->level()) --left;
+    while (right < grower_.right() && Value(right + 1) >= chord->level()) ++right;
+    // The area ends within a pixel of its steepest gradients; it stays off the border.
+    const Run rise{std::max(1, left - 1), left + 1};
+    const Run fall{right - 1, std::min(rows_.width - 2, right + 1)};
+    const auto middle = MeasureChord(y, rise, fall);
+    if (!middle || middle->level() == chord->level()) return;
+    if (!grower_.Grow(middle->middle, y, middle->level(), 1)) return;
+    const auto better = Accepted(grower_.Moments());
+    if (!better) return;
+    MarkBorder(true);
+    *chord = *middle;
+    *moments = *better;
+  }
+
+  std::optional<ContourMoments> Accepted(const ContourMoments& m) const {
+    if (std::min(m.width_px, m.height_px) < least_length_) return std::nullopt;
     // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
-    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return false;
+    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
     const auto ellipse = EllipseFromMoments(m);
-    if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return false;
+    if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return std::nullopt;
     // Half a pixel of freedom: the axes are judged after the fit.
-    return 2 * ellipse->semi_minor_px >= min_diameter_ - 1.0 &&
-           2 * ellipse->semi_major_px <= max_diameter_ + 1.0;
+    if (2 * ellipse->semi_minor_px < min_diameter_ - 1.0) return std::nullopt;
+    if (2 * ellipse->semi_major_px > max_diameter_ + 1.0) return std::nullopt;
+    return m;
   }
 
   const SampleRows rows_;
@@ -207,12 +264,15 @@ class EdgePairSearch {
   const double min_diameter_, max_diameter_;
   const int max_length_;  ///< of a chord, from edge to edge
   const int row_step_;
+  const int least_length_;  ///< of a chord
   const std::uint64_t* rises_ = nullptr;
   const std::uint64_t* falls_ = nullptr;
   int x_ = 0, y_ = 0;
+  int row_ = 0;  ///< index of y_ among the scanned rows
   BorderVisits visits_;
   RegionGrower grower_;
   std::vector<std::uint16_t> line_;
+  std::vector<int> latest_;  ///< index of the last area centred in the columns, or -1
   std::vector<DotRegion> regions_;
 };
 

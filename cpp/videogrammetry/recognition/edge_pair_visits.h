@@ -3,6 +3,7 @@
 // Private to the edge-pair search: where borders of areas have been met.
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -15,7 +16,7 @@ class BorderVisits {
  public:
   BorderVisits(int width, int num_rows)
       : words_(static_cast<std::size_t>(width) / 64 + 1),
-        num_rows_(static_cast<std::size_t>(num_rows)),
+        num_rows_(std::bit_ceil(static_cast<std::size_t>(num_rows))),
         once_(words_ * num_rows_),
         enough_(words_ * num_rows_) {}
 
@@ -50,9 +51,11 @@ class BorderVisits {
   }
 
  private:
-  std::size_t At(int row) const { return static_cast<std::size_t>(row) % num_rows_ * words_; }
+  std::size_t At(int row) const {
+    return (static_cast<std::size_t>(row) & (num_rows_ - 1)) * words_;
+  }
 
-  std::size_t words_, num_rows_;
+  std::size_t words_, num_rows_;  // the latter a power of two, so that At() needs no division
   std::vector<std::uint64_t> once_, enough_;
 };
 

@@ -17,17 +17,15 @@ int Quantile(std::vector<int>& values, double fraction) {
   return values[static_cast<std::size_t>(index)];
 }
 
-// The smallest value that more than `index` of the values do not exceed: by bisection,
-// whose counts the compiler turns into vectors.
-int Quantile(const std::vector<std::uint16_t>& values, double fraction) {
-  const auto index = static_cast<int>(fraction * static_cast<double>(values.size() - 1));
+// The smallest value that more than `fraction` of the values do not exceed, by bisection.
+int Quantile(const edge_pair::Kernels& kernels, const std::vector<std::uint16_t>& values,
+             double fraction) {
+  const int size = static_cast<int>(values.size());
+  const int index = static_cast<int>(fraction * (size - 1));
   int low = 0, high = 65535;
   while (low < high) {
     const int middle = (low + high) / 2;
-    const auto limit = static_cast<std::uint16_t>(middle);
-    int count = 0;
-    for (const std::uint16_t value : values) count += value <= limit;
-    if (count > index) {
+    if (kernels.count_up_to(values.data(), size, static_cast<std::uint16_t>(middle)) > index) {
       high = middle;
     } else {
       low = middle + 1;
@@ -61,28 +59,30 @@ GreyStatistics MeasureGreyStatistics(const ImageView<T>& image) {
 GreyStatistics SampleGreyStatistics(const FrameView& frame, InstructionSet set) {
   const edge_pair::SampleRows rows(frame, 1, set);
   if (rows.width < 3 || rows.height < 1) return {};
-  // Pieces of kPiece samples, kPerRow in a row, shifted from row to row so that they do
-  // not all stand in the same columns.
-  constexpr int kPiece = 32, kPerRow = 4, kRows = 64, kShift = 5;
+  // Pieces of kPiece samples, shifted from row to row so that they do not all stand in
+  // the same columns: golden section of the row's length.
+  constexpr int kPiece = 32, kPerRow = 4, kRows = 64;
+  constexpr double kGolden = 0.6180339887498949;
   const int piece = std::min(kPiece, rows.width - 2), gaps = rows.width - piece - 2;
   const int num_rows = std::min(kRows, rows.height);
-  std::vector<std::uint16_t> values, gradients;
-  values.reserve(std::size_t{kPiece} * kPerRow * kRows);
-  gradients.reserve(std::size_t{kPiece} * kPerRow * kRows);
+  std::vector<std::uint16_t> values(static_cast<std::size_t>(piece * kPerRow * num_rows));
+  std::vector<std::uint16_t> gradients(values.size());
   std::uint16_t samples[kPiece + 2 + edge_pair::kSampleSlack];
-  for (int j = 0; j < num_rows; ++j) {
-    const auto y = static_cast<int>((2 * std::int64_t{j} + 1) * rows.height / (2 * num_rows));
-    for (int k = 0; k < kPerRow; ++k) {
-      const int part = (k * kShift * 2 + j * kShift) % (kPerRow * kShift * 2);
-      const auto x = static_cast<int>(std::int64_t{gaps} * part / (kPerRow * kShift * 2)) & ~1;
-      rows.Read(x, y, piece + 2, samples);
-      values.insert(values.end(), samples + 1, samples + 1 + piece);
-      for (int i = 0; i < piece; ++i) {
-        gradients.push_back(static_cast<std::uint16_t>(std::abs(samples[i + 2] - samples[i])));
-      }
+  std::size_t at = 0;
+  for (int k = 0; k < kPerRow * num_rows; ++k) {
+    const int y =
+        static_cast<int>((2 * std::int64_t{k / kPerRow} + 1) * rows.height / (2 * num_rows));
+    const double turns = kGolden * k;
+    const int x = static_cast<int>(gaps * (turns - static_cast<int>(turns))) & ~1;
+    rows.Read(x, y, piece + 2, samples);
+    for (int i = 0; i < piece; ++i, ++at) {
+      values[at] = samples[i + 1];
+      gradients[at] = static_cast<std::uint16_t>(std::abs(samples[i + 2] - samples[i]));
     }
   }
-  return {Quantile(values, 0.001), Quantile(values, 0.999), Quantile(gradients, 0.5)};
+  const edge_pair::Kernels& kernels = *rows.kernels;
+  return {Quantile(kernels, values, 0.001), Quantile(kernels, values, 0.999),
+          Quantile(kernels, gradients, 0.5)};
 }
 
 int GradientThreshold(const GreyStatistics& statistics) {

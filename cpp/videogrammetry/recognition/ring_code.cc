@@ -30,6 +30,8 @@ constexpr float kSinglePlaceSigmaSectors = 0.02f;
 constexpr float kSingleTimes = 4.5f;
 constexpr float kSingleBlur = 0.8f;
 constexpr float kMaxShiftSingle = 0.3f;
+/// A ring is sampled anew if it shows its dot to be this much larger than measured.
+constexpr double kLeastScale = 1.015;
 /// How far single samples may be from what their sector is, as a part of the
 /// light, and in standard deviations of the noise.
 constexpr float kUniform = 0.25f;
@@ -390,6 +392,33 @@ struct SectorDirections {
   }
 };
 
+/// How much larger than its measured dot a blurred ring shows the dot to be.
+///
+/// A blurred dot's edge is found too far inside, by about 0.8 (blur / radius)^2 of the
+/// radius. Then the circle near the ring's outer border is brighter than the one near
+/// its inner border, by 2 phi(0.2 / b) / b of the light for each ring's width between
+/// (b: blur over that width). Other radii of the ring, another family's, are not
+/// to be taken for that: the factor is at most `largest`.
+double RingScale(const RingSamples& samples, const CodeFamily& family, double largest) {
+  const auto n = static_cast<std::size_t>(samples.num_bits);
+  PerSector inner, middle, outer;
+  SectorMeans<kRingPerSector>(samples.inner.data(), samples.num_bits, &inner);
+  SectorMeans<kRingPerSector>(samples.middle.data(), samples.num_bits, &middle);
+  SectorMeans<kRingPerSector>(samples.outer.data(), samples.num_bits, &outer);
+  const float level = 0.5f * *std::max_element(middle.begin(), middle.begin() + samples.num_bits);
+  double difference = 0, slope = 0;
+  for (std::size_t k = 0; k < n; ++k) {
+    if (!(middle[k] > level) || std::isnan(outer[k])) continue;
+    const double b = samples.blur_across[k];
+    difference += outer[k] - inner[k];
+    slope += 0.8 * middle[k] / b * std::exp(-0.02 / (b * b));
+  }
+  if (!(slope > 0)) return 1.0;
+  const double per_width =
+      2 * (family.ring_outer - family.ring_inner) / (family.ring_inner + family.ring_outer);
+  return std::clamp(1.0 + difference / slope * per_width, 1.0, largest);
+}
+
 void Look(const CodeFamily& family, ReadingDirection direction, std::uint32_t bits,
           RingReading* reading) {
   const int n = family.num_bits;
@@ -446,7 +475,7 @@ RingReading ReadRing(const GreyWindow& window, const TargetEdge& dot, const Code
   RingReading reading;
   if (family.num_bits == 0) return reading;
   const int count = kBesidePerSector * family.num_bits;
-  const RingSampler sampler(window, dot, family);
+  RingSampler sampler(window, dot, family);
   BesideCircle look, gap;
   RingSamples samples;
   if (!sampler.Middle(&look) && !sampler.Sample(0.0, &samples)) {
@@ -471,7 +500,16 @@ RingReading ReadRing(const GreyWindow& window, const TargetEdge& dot, const Code
     reading.status = RingStatus::kRingCut;
     return reading;
   }
-  return ReadRing(samples, family, direction);
+  reading = ReadRing(samples, family, direction);
+  if (reading.status != RingStatus::kUnclear && reading.status != RingStatus::kEdgesOff) {
+    return reading;
+  }
+  const double scale = RingScale(samples, family, sampler.LargestScale());
+  if (scale < kLeastScale) return reading;
+  sampler.Scale(scale);
+  if (!sampler.Sample(phase, &samples)) return reading;
+  const RingReading again = ReadRing(samples, family, direction);
+  return again.id ? again : reading;
 }
 
 }  // namespace videogrammetry

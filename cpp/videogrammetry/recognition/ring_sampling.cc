@@ -60,7 +60,7 @@ RingSampler::RingSampler(const GreyWindow& window, const TargetEdge& dot, const 
   yy_ = a * s * s + b * c * c;
   outside_ = static_cast<float>(dot.outside);
   scale_ = static_cast<float>(1.0 / (dot.inside - dot.outside));
-  blur_px_ = std::clamp(dot.width_px, 0.4, 0.5 * b);
+  blur_px_ = std::clamp(dot.width_px, 0.4, 0.6 * b);
   edge_sigma_px_ = dot.edge_rms_px;
 }
 
@@ -148,9 +148,23 @@ bool RingSampler::Sample(double phase, RingSamples* samples) const {
   return true;
 }
 
+double RingSampler::LargestScale() const {
+  // 0.8 (blur / radius)^2, a fifth more at most, and less than a tenth: families' rings
+  // differ by more.
+  const double det = xx_ * yy_ - xy_ * xy_;
+  return 1.0 + std::min(0.1, blur_px_ * blur_px_ / det);
+}
+
+void RingSampler::Scale(double factor) {
+  xx_ *= factor;
+  xy_ *= factor;
+  yy_ *= factor;
+}
+
 GreyWindow ReadRingWindow(const TargetEdge& dot, const CodeFamily& family, WindowReader* reader) {
   const Ellipse& e = dot.ellipse;
-  const double radius = family.ring_outer + 0.2 * (family.ring_outer - family.ring_inner);
+  // A tenth more: the ring may show that its dot was measured too small.
+  const double radius = 1.1 * (family.ring_outer + 0.2 * (family.ring_outer - family.ring_inner));
   const double c = std::cos(e.angle_rad), s = std::sin(e.angle_rad);
   const double reach_x = radius * std::hypot(e.semi_major_px * c, e.semi_minor_px * s) + 1.0;
   const double reach_y = radius * std::hypot(e.semi_major_px * s, e.semi_minor_px * c) + 1.0;

@@ -58,6 +58,10 @@ class RingSampler {
   /// All around, the first sector beginning `phase` sectors after t = 0.
   /// @return false if the window ends before the ring's inner circle.
   bool Sample(double phase, RingSamples* samples) const;
+  /// The largest factor by which a blurred dot may be larger than it was measured.
+  double LargestScale() const;
+  /// Takes the dot to be larger by a factor.
+  void Scale(double factor);
 
  private:
   struct Turned;

@@ -69,9 +69,10 @@ class RingSampler {
 
   const GreyWindow& window_;
   const CodeFamily& family_;
-  double x_, y_;           ///< centre
-  double xx_, xy_, yy_;    ///< E
-  float outside_, scale_;  ///< v = (I - outside) scale
+  double x_, y_;              ///< centre
+  double xx_, xy_, yy_;       ///< E
+  double reach_x_, reach_y_;  ///< of the ellipse
+  float outside_, scale_;     ///< v = (I - outside) scale
   double blur_px_, edge_sigma_px_;
 };
 

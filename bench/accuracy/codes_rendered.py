@@ -45,6 +45,7 @@ from videogrammetry.recognition import (
 from videogrammetry.rendering import Background, Renderer, SceneTargets, Sensor, SpecularSpot
 from videogrammetry.rendering.disturbances import Conditions
 from videogrammetry.types import RigCamera
+import itertools
 
 F_PX, DISTANCE_MM = 3000.0, 1000.0
 NOISES = (13.0, 32.0, 75.0, 150.0)
@@ -52,7 +53,18 @@ TILTS = (30.0, 45.0, 60.0, 70.0)
 SIZES = (8.0, 10.0, 14.0, 20.0, 40.0)
 SMALLEST_PX = 5.0
 USERS = "user-13"
-COLUMNS = ("family", "noise", "tilt", "size", "kind", "found", "right", "wrong", "confidence", "status")
+COLUMNS = (
+    "family",
+    "noise",
+    "tilt",
+    "size",
+    "kind",
+    "found",
+    "right",
+    "wrong",
+    "confidence",
+    "status",
+)
 
 
 @cache
@@ -62,7 +74,7 @@ def family_of(name: str) -> CodeFamily:
     # Odd parity (distance 2), and of two mirror images one.
     bits = 13
     codes = sorted(
-        {canonical(c, bits) for c in range(1 << bits) if 3 <= c.bit_count() and c.bit_count() % 2}
+        {canonical(c, bits) for c in range(1 << bits) if c.bit_count() >= 3 and c.bit_count() % 2}
     )
     codes = [c for c in codes if c < canonical(mirrored(c, bits), bits) and "0" * 7 not in ring(c)]
     return CodeFamily(name=USERS, bits=bits, ring=(1.8, 2.8), codes=tuple(codes))
@@ -152,7 +164,9 @@ def scene(rng, cells, white_on_black):
     low = np.cos(np.radians(TILTS[-1]))
     tilts, poses = [], []
     for k in range(len(cells)):
-        tilt = np.arccos(rng.uniform(low, 1)) if over_solid_angle else np.radians(rng.uniform(0, 70))
+        tilt = (
+            np.arccos(rng.uniform(low, 1)) if over_solid_angle else np.radians(rng.uniform(0, 70))
+        )
         pixel = pitch * (np.array([k % columns, k // columns]) + 0.5) + 4 + rng.uniform(-1, 1, 2)
         tilts.append(np.degrees(tilt))
         poses.append(sightline_pose(rng, pixel, middle, tilt))
@@ -214,9 +228,7 @@ def renderer_of(rng, shape, noise):
         )
         for _ in range(rng.integers(0, 3))
     )
-    background = Background(
-        level=0.35, clutter=0.3, seed=int(rng.integers(2**31)), spots=spots
-    )
+    background = Background(level=0.35, clutter=0.3, seed=int(rng.integers(2**31)), spots=spots)
     sensor: Sensor = conditions.sensor()
     return Renderer(
         camera, background=background, illumination=conditions.illumination(), sensor=sensor
@@ -240,7 +252,9 @@ def frame(task):
         picture.image, RecognitionOptions(polarity=polarity, method=method), family=family
     )
     seconds = time.perf_counter() - start
-    gap = np.linalg.norm(targets.centre_px[None] - picture.truth.centre_px[: len(cells), None], axis=-1)
+    gap = np.linalg.norm(
+        targets.centre_px[None] - picture.truth.centre_px[: len(cells), None], axis=-1
+    )
     rows, used = [], set()
     hidden = [k for k, c in enumerate(cells) if c[0] == "hidden"]
     covers = dict(zip(hidden, scenery.white[len(cells) :], strict=True))
@@ -299,7 +313,9 @@ def table(rows):
 
     coded = data["kind"] == "coded"
     bar = coded & (data["tilt"] <= 45) & (data["size"] >= 10) & (data["noise"] >= 32)
-    print("family           shown  found %  read %  |  the bar: shown found % read %  |  wrong IDs on")
+    print(
+        "family           shown  found %  read %  |  the bar: shown found % read %  |  wrong IDs on"
+    )
     for name in (*FAMILIES, "all"):
         mine = (data["family"] == name) | (name == "all")
         if not mine.any():
@@ -313,7 +329,7 @@ def table(rows):
     )  # fmt: skip
     print("\nclass                     shown  found %  read %")
     for key, label, edges in classes:
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in itertools.pairwise(edges):
             mask = coded & (data[key] > low) & (data[key] <= high)
             text = f"S{high:.0f}" if key == "noise" else f"{low:.0f} to {high:.0f}"
             print(f"{label:10} {text:12} {share(part(mask))}")
@@ -332,7 +348,7 @@ def table(rows):
     print("\nconfidence of IDs        given   right")
     given = (data["right"] | data["wrong"]) & np.isfinite(data["confidence"])
     edges = (0.0, 0.5, 0.9, 0.99, 0.999, 0.9999, 0.99999, 1.0)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         mask = given & (data["confidence"] > low) & (data["confidence"] <= high)
         if mask.any():
             print(f"{low:8g} to {high:<8g} {mask.sum():11} {data['right'][mask].mean():9.6f}")
@@ -360,7 +376,9 @@ def main():
             rows += part
             seconds += took
     table(rows)
-    print(f"{len(tasks)} frames in {time.perf_counter() - start:.0f} s, recognition {seconds:.0f} s")
+    print(
+        f"{len(tasks)} frames in {time.perf_counter() - start:.0f} s, recognition {seconds:.0f} s"
+    )
 
 
 if __name__ == "__main__":

@@ -14,8 +14,7 @@ struct Pair {
 
 inline Pair Gather(const float* row, __m256i at) {
   const auto* doubles = reinterpret_cast<const double*>(row);
-  const __m256 low =
-      _mm256_castpd_ps(_mm256_i32gather_pd(doubles, _mm256_castsi256_si128(at), 4));
+  const __m256 low = _mm256_castpd_ps(_mm256_i32gather_pd(doubles, _mm256_castsi256_si128(at), 4));
   const __m256 high =
       _mm256_castpd_ps(_mm256_i32gather_pd(doubles, _mm256_extracti128_si256(at, 1), 4));
   return {_mm256_shuffle_ps(low, high, 0x88), _mm256_shuffle_ps(low, high, 0xdd)};

@@ -30,6 +30,9 @@ constexpr float kSinglePlaceSigmaSectors = 0.02f;
 constexpr float kSingleTimes = 4.5f;
 constexpr float kSingleBlur = 0.8f;
 constexpr float kMaxShiftSingle = 0.3f;
+/// A ring is sampled anew if it shows its dot to be this much larger than measured.
+constexpr double kLeastScale = 1.015;
+constexpr float kNoLimit = std::numeric_limits<float>::infinity();
 /// How far single samples may be from what their sector is, as a part of the
 /// light, and in standard deviations of the noise.
 constexpr float kUniform = 0.25f;
@@ -161,22 +164,42 @@ void Unblur(const RingSamples& samples, const PerSector& means, Sectors* s) {
   for (std::size_t k = 0; k < n; ++k) s->height[k] = s->plateau[k] / s->left[k];
 }
 
-/// Divides the sectors into dark and bright ones at the largest step of their sorted heights.
-bool Divide(Sectors* s) {
-  PerSector sorted = s->height;
-  std::sort(sorted.begin(), sorted.begin() + s->n);
-  std::size_t cut = 1;
-  for (std::size_t i = 1; i < static_cast<std::size_t>(s->n); ++i) {
-    if (sorted[i] - sorted[i - 1] > sorted[cut] - sorted[cut - 1]) cut = i;
-  }
-  s->step = sorted[cut] - sorted[cut - 1];
+/// Whether a division into heights up to `dark` and from `bright` on is one.
+bool IsDivided(float darkest, float dark, float bright) {
   // Not one grey is the sum of two: a third group may not hide in either.
-  if (!(s->step > kMinStep) || sorted[cut - 1] > kMaxDark * sorted[cut] || sorted[0] < kDarkest) {
-    return false;
+  return bright - dark > kMinStep && dark <= kMaxDark * bright && darkest >= kDarkest;
+}
+
+/// Divides the sectors into dark and bright ones: at 0.4 of the brightest, or else at
+/// the largest step of their sorted heights.
+bool Divide(Sectors* s) {
+  const auto n = static_cast<std::size_t>(s->n);
+  float lowest = s->height[0], highest = s->height[0];
+  for (std::size_t k = 1; k < n; ++k) {
+    lowest = std::min(lowest, s->height[k]);
+    highest = std::max(highest, s->height[k]);
   }
+  float bright = highest, dark = lowest;
+  for (std::size_t k = 0; k < n; ++k) {
+    const float h = s->height[k];
+    const bool above = h >= kMaxDark * highest;
+    bright = above ? std::min(bright, h) : bright;
+    dark = above ? dark : std::max(dark, h);
+  }
+  if (!IsDivided(lowest, dark, bright)) {
+    PerSector sorted = s->height;
+    std::sort(sorted.begin(), sorted.begin() + s->n);
+    std::size_t cut = 1;
+    for (std::size_t i = 1; i < n; ++i) {
+      if (sorted[i] - sorted[i - 1] > sorted[cut] - sorted[cut - 1]) cut = i;
+    }
+    dark = sorted[cut - 1], bright = sorted[cut];
+    if (!IsDivided(lowest, dark, bright)) return false;
+  }
+  s->step = bright - dark;
   s->bits = 0;
-  for (std::size_t k = 0; k < static_cast<std::size_t>(s->n); ++k) {
-    s->bright[k] = s->height[k] >= sorted[cut];
+  for (std::size_t k = 0; k < n; ++k) {
+    s->bright[k] = s->height[k] >= bright;
     s->bits = (s->bits << 1) | (s->bright[k] ? 1u : 0u);
   }
   return true;
@@ -232,14 +255,13 @@ bool IsClean(const RingSamples& samples, const Sectors& s) {
 /// quarter of a sector of a change: what is left of a hidden sector shows, and so
 /// does a change that stands between two like sectors.
 bool IsUniform(const RingSamples& samples, const Sectors& s) {
-  constexpr int kQuarter = kRingPerSector / 4;
+  constexpr std::size_t kQuarter = kRingPerSector / 4;
   const auto& table = BlurTable::Get();
   const auto n = static_cast<std::size_t>(s.n);
   for (std::size_t k = 0; k < n; ++k) {
     const bool bright = s.bright[k];
     const bool left = s.bright[k == 0 ? n - 1 : k - 1] != bright;
     const bool right = s.bright[k + 1 == n ? 0 : k + 1] != bright;
-    const int from = left ? kQuarter : 0, to = kRingPerSector - (right ? kQuarter : 0);
     const float light = s.light[k] * s.left[k];
     // The blur brings twice the mean's share to the samples nearest to a change.
     const float spread = kUniform * light + kNoiseTimes * samples.grey_sigma +
@@ -248,14 +270,21 @@ bool IsUniform(const RingSamples& samples, const Sectors& s) {
     for (const RingCircle* circle : {&samples.inner, &samples.middle, &samples.outer}) {
       const float* v = circle->data() + kRingPerSector * k;
       // Glare on a bright sector is no fault, what is too dark there may hide something.
-      float low = -spread, high = spread;
-      if (bright) {
-        low = std::min(0.25f * ((v[2] + v[3]) + (v[4] + v[5])), light) - spread;
-        high = std::numeric_limits<float>::infinity();
+      const float low =
+          bright ? std::min(0.25f * ((v[2] + v[3]) + (v[4] + v[5])), light) - spread : -spread;
+      const float high = bright ? kNoLimit : spread;
+      std::array<float, kRingPerSector> lows, highs;
+      lows.fill(low), highs.fill(high);
+      for (std::size_t i = 0; i < kQuarter; ++i) {
+        if (left) lows[i] = -kNoLimit, highs[i] = kNoLimit;
+        if (right)
+          lows[kRingPerSector - 1 - i] = -kNoLimit, highs[kRingPerSector - 1 - i] = kNoLimit;
       }
       int off = 0;
-      for (int i = from; i < to; ++i) off += (v[i] < low ? 1 : 0) + (v[i] > high ? 1 : 0);
-      if (off > 0) return false;
+      for (std::size_t i = 0; i < kRingPerSector; ++i) {
+        off |= static_cast<int>(v[i] < lows[i]) | static_cast<int>(v[i] > highs[i]);
+      }
+      if (off != 0) return false;
     }
   }
   return true;
@@ -270,7 +299,8 @@ float Shift(const RingCircle& values, int count, int next, float level, bool ris
     int from = border + i - 1, to = border + i;
     from += from < 0 ? count : 0;
     to += to < 0 ? count : 0;
-    const float a = values[static_cast<std::size_t>(from)], b = values[static_cast<std::size_t>(to)];
+    const float a = values[static_cast<std::size_t>(from)],
+                b = values[static_cast<std::size_t>(to)];
     if (std::isnan(a) || std::isnan(b)) {
       *hidden = true;
       return 0.0f;
@@ -318,8 +348,8 @@ bool MeasureChanges(const RingSamples& samples, const RingCircle& ring, const Se
 }
 
 /// Whether the changes near the ring's borders stand where those on its mean do.
-bool AgreeAcrossTheRing(const RingSamples& samples, const Sectors& s, const MeasuredChanges& changes,
-                        float phase) {
+bool AgreeAcrossTheRing(const RingSamples& samples, const Sectors& s,
+                        const MeasuredChanges& changes, float phase) {
   for (int i = 0; i < changes.count; ++i) {
     const auto at = static_cast<std::size_t>(i);
     const int k = changes.border[at];
@@ -359,10 +389,18 @@ double RoughPhase(const BesideCircle& ring, int count, float level) {
     // close enough.
     const double c = 1.0 - part, d = part;
     switch (i % kBesidePerSector) {
-      case 0: x += c, y += d; break;
-      case 1: x -= d, y += c; break;
-      case 2: x -= c, y -= d; break;
-      default: x += d, y -= c; break;
+      case 0:
+        x += c, y += d;
+        break;
+      case 1:
+        x -= d, y += c;
+        break;
+      case 2:
+        x -= c, y -= d;
+        break;
+      default:
+        x += d, y -= c;
+        break;
     }
   }
   const double phase = std::atan2(y, x) / (2 * std::numbers::pi);
@@ -390,6 +428,33 @@ struct SectorDirections {
   }
 };
 
+/// How much larger than its measured dot a blurred ring shows the dot to be.
+///
+/// A blurred dot's edge is found too far inside, by about 0.8 (blur / radius)^2 of the
+/// radius. Then the circle near the ring's outer border is brighter than the one near
+/// its inner border, by 2 phi(0.2 / b) / b of the light for each ring's width between
+/// (b: blur over that width). Other radii of the ring, another family's, are not
+/// to be taken for that: the factor is at most `largest`.
+double RingScale(const RingSamples& samples, const CodeFamily& family, double largest) {
+  const auto n = static_cast<std::size_t>(samples.num_bits);
+  PerSector inner, middle = {}, outer;
+  SectorMeans<kRingPerSector>(samples.inner.data(), samples.num_bits, &inner);
+  SectorMeans<kRingPerSector>(samples.middle.data(), samples.num_bits, &middle);
+  SectorMeans<kRingPerSector>(samples.outer.data(), samples.num_bits, &outer);
+  const float level = 0.5f * *std::max_element(middle.begin(), middle.begin() + samples.num_bits);
+  double difference = 0, slope = 0;
+  for (std::size_t k = 0; k < n; ++k) {
+    if (!(middle[k] > level) || std::isnan(outer[k])) continue;
+    const double b = samples.blur_across[k];
+    difference += outer[k] - inner[k];
+    slope += 0.8 * middle[k] / b * std::exp(-0.02 / (b * b));
+  }
+  if (!(slope > 0)) return 1.0;
+  const double per_width =
+      2 * (family.ring_outer - family.ring_inner) / (family.ring_inner + family.ring_outer);
+  return std::clamp(1.0 + difference / slope * per_width, 1.0, largest);
+}
+
 void Look(const CodeFamily& family, ReadingDirection direction, std::uint32_t bits,
           RingReading* reading) {
   const int n = family.num_bits;
@@ -397,7 +462,7 @@ void Look(const CodeFamily& family, ReadingDirection direction, std::uint32_t bi
   const std::uint32_t turned = CanonicalCode(ReversedCode(bits, n), n);
   const bool clockwise = direction == ReadingDirection::kClockwise;
   reading->id = family.IdOf(clockwise ? as_seen : turned);
-  reading->status = reading->id ? RingStatus::kCoded
+  reading->status = reading->id                                 ? RingStatus::kCoded
                     : family.IdOf(clockwise ? turned : as_seen) ? RingStatus::kMirrored
                                                                 : RingStatus::kNotInTable;
 }
@@ -416,8 +481,7 @@ RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
   SectorMeans<kRingPerSector>(ring.data(), s.n, &means);
   Unblur(samples, means, &s);
   const auto& directions = SectorDirections::Of(s.n);
-  if (!Divide(&s) || !IsEvenlyLit(directions.cosine, directions.sine, &s) ||
-      !IsClean(samples, s)) {
+  if (!Divide(&s) || !IsEvenlyLit(directions.cosine, directions.sine, &s) || !IsClean(samples, s)) {
     return reading;
   }
   const double wrong = WrongSector(samples, s);
@@ -446,21 +510,28 @@ RingReading ReadRing(const GreyWindow& window, const TargetEdge& dot, const Code
   RingReading reading;
   if (family.num_bits == 0) return reading;
   const int count = kBesidePerSector * family.num_bits;
-  const RingSampler sampler(window, dot, family);
+  RingSampler sampler(window, dot, family);
   BesideCircle look, gap;
   RingSamples samples;
   if (!sampler.Middle(&look) && !sampler.Sample(0.0, &samples)) {
     reading.status = RingStatus::kRingCut;
     return reading;
   }
-  int bright = 0;
-  float low = look[0], high = look[0];
-  for (int i = 0; i < count; ++i) {
-    const float v = look[static_cast<std::size_t>(i)];
-    bright += v > kMinStep ? 1 : 0;
-    low = v < low ? v : low;
-    high = v > high ? v : high;
+  // Four of each, so that they are found side by side; NaN is passed over.
+  std::array<int, 4> brights = {};
+  std::array<float, 4> lows, highs;
+  lows.fill(kNoLimit), highs.fill(-kNoLimit);
+  for (int i = 0; i < count; i += 4) {
+    for (std::size_t j = 0; j < 4; ++j) {
+      const float v = look[static_cast<std::size_t>(i) + j];
+      brights[j] += v > kMinStep ? 1 : 0;
+      lows[j] = v < lows[j] ? v : lows[j];
+      highs[j] = v > highs[j] ? v : highs[j];
+    }
   }
+  const int bright = brights[0] + brights[1] + brights[2] + brights[3];
+  const float low = std::min(std::min(lows[0], lows[1]), std::min(lows[2], lows[3]));
+  const float high = std::max(std::max(highs[0], highs[1]), std::max(highs[2], highs[3]));
   if (bright < 2) return reading;
   sampler.Gap(&gap);
   int closed = 0;
@@ -471,7 +542,16 @@ RingReading ReadRing(const GreyWindow& window, const TargetEdge& dot, const Code
     reading.status = RingStatus::kRingCut;
     return reading;
   }
-  return ReadRing(samples, family, direction);
+  reading = ReadRing(samples, family, direction);
+  if (reading.status != RingStatus::kUnclear && reading.status != RingStatus::kEdgesOff) {
+    return reading;
+  }
+  const double scale = RingScale(samples, family, sampler.LargestScale());
+  if (scale < kLeastScale) return reading;
+  sampler.Scale(scale);
+  if (!sampler.Sample(phase, &samples)) return reading;
+  const RingReading again = ReadRing(samples, family, direction);
+  return again.id ? again : reading;
 }
 
 }  // namespace videogrammetry

@@ -6,9 +6,10 @@
 namespace videogrammetry {
 namespace {
 
-constexpr double kForeignPrior = 0.01, kCoveredPrior = 0.001;
+constexpr double kForeignPrior = 0.01, kCoveredPrior = 0.0015;
 constexpr double kSqrt2Pi = 2.5066282746310002;
 constexpr int kFewestBits = 4;
+constexpr double kSameBorders = 0.01;
 
 /// Weighted sum of squares of the changes' distances from the borders of m equal sectors.
 double GridChi2(const float* place, const float* weight, int count, float sectors) {
@@ -42,7 +43,8 @@ double OtherGrids(const RingChanges& c, double chi2, int num_bits) {
     if (m % num_bits == 0 || num_bits % m == 0) continue;
     const double gain =
         0.5 * (chi2 - GridChi2(place.data(), weight.data(), c.count, static_cast<float>(m)));
-    if (gain < -12.0) continue;
+    // Changes that stand on both grids alike say nothing: the family is the user's word.
+    if (gain < -12.0 || std::abs(gain) < kSameBorders) continue;
     odds += std::ldexp(std::exp(std::min(gain, 50.0)), std::min(0, num_bits - m));
   }
   return odds / (kMaxCodeBits - kFewestBits + 1);
@@ -88,7 +90,7 @@ double WrongSectorProbability(const float* heights, const float* sigmas, int num
   double sum = 0;
   for (int k = 0; k < num_bits; ++k) {
     const double z = std::abs(heights[k] - 0.5f) / sigmas[k];
-    if (z < 8.0) sum += 0.5 * std::erfc(z * 0.70710678118654752);
+    if (z < 6.5) sum += 0.5 * std::erfc(z * 0.70710678118654752);
   }
   return std::min(1.0, sum);
 }

@@ -25,11 +25,12 @@ double RemovePhase(RingChanges* changes);
 /// - a ring without order, prior 1 %, its borders anywhere: with the shifts d and
 ///   their standard deviations s, prod(sqrt(2 pi) s exp(d^2 / 2 s^2)), one factor
 ///   less for the phase;
-/// - a ring of the family of which something hides a part, prior 0.1 %: the same
+/// - a ring of the family of which something hides a part, prior 0.15 %: the same
 ///   product over the two most distant changes;
 /// - a ring of m = 4 ... 24 sectors, prior 1 % over all m: exp((chi2 - chi2_m) / 2),
 ///   and 2^(num_bits - m) for m > num_bits, since a finer grid fits more. Multiples
-///   and divisors of num_bits are left out: such prints may be the same.
+///   and divisors of num_bits are left out, and grids on which the changes stand
+///   alike: such prints may be the same.
 ///
 /// The priors are a choice, not a measurement: the value ranks IDs and bounds what
 /// chance can do; it knows nothing of what no picture shows (a wrong sticker).

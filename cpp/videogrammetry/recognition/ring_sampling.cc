@@ -58,14 +58,15 @@ RingSampler::RingSampler(const GreyWindow& window, const TargetEdge& dot, const 
   xx_ = a * c * c + b * s * s;
   xy_ = (a - b) * c * s;
   yy_ = a * s * s + b * c * c;
+  reach_x_ = std::sqrt(xx_ * xx_ + xy_ * xy_);
+  reach_y_ = std::sqrt(xy_ * xy_ + yy_ * yy_);
   outside_ = static_cast<float>(dot.outside);
   scale_ = static_cast<float>(1.0 / (dot.inside - dot.outside));
-  blur_px_ = std::clamp(dot.width_px, 0.4, 0.5 * b);
+  blur_px_ = std::clamp(dot.width_px, 0.4, 0.6 * b);
   edge_sigma_px_ = dot.edge_rms_px;
 }
 
-bool RingSampler::Circle(const Turned& turned, double radius, int per_sector,
-                         float* values) const {
+bool RingSampler::Circle(const Turned& turned, double radius, int per_sector, float* values) const {
   const int count = per_sector * family_.num_bits;
   const float *cosine, *sine;
   if (per_sector == kRingPerSector) {
@@ -75,15 +76,17 @@ bool RingSampler::Circle(const Turned& turned, double radius, int per_sector,
     const auto& table = DirectionsOf<kBesidePerSector>(family_.num_bits);
     cosine = table.cosine.data(), sine = table.sine.data();
   }
-  const auto xx = static_cast<float>(radius * turned.xx), xy = static_cast<float>(radius * turned.xy);
-  const auto yx = static_cast<float>(radius * turned.yx), yy = static_cast<float>(radius * turned.yy);
+  const auto xx = static_cast<float>(radius * turned.xx),
+             xy = static_cast<float>(radius * turned.xy);
+  const auto yx = static_cast<float>(radius * turned.yx),
+             yy = static_cast<float>(radius * turned.yy);
   const auto cx = static_cast<float>(x_), cy = static_cast<float>(y_);
   std::array<float, kRingPerSector * kMaxCodeBits> x, y;
   for (int i = 0; i < count; ++i) {
     x[static_cast<std::size_t>(i)] = cx + (xx * cosine[i] + xy * sine[i]);
     y[static_cast<std::size_t>(i)] = cy + (yx * cosine[i] + yy * sine[i]);
   }
-  const double reach_x = radius * std::hypot(xx_, xy_), reach_y = radius * std::hypot(xy_, yy_);
+  const double reach_x = radius * reach_x_, reach_y = radius * reach_y_;
   bool whole = window_.Covers(x_ - reach_x - 0.01, y_ - reach_y - 0.01) &&
                window_.Covers(x_ + reach_x + 0.01, y_ + reach_y + 0.01);
   if (whole) {
@@ -148,15 +151,32 @@ bool RingSampler::Sample(double phase, RingSamples* samples) const {
   return true;
 }
 
+double RingSampler::LargestScale() const {
+  // 0.8 (blur / radius)^2, a fifth more at most, and less than a tenth: families' rings
+  // differ by more.
+  const double det = xx_ * yy_ - xy_ * xy_;
+  return 1.0 + std::min(0.1, blur_px_ * blur_px_ / det);
+}
+
+void RingSampler::Scale(double factor) {
+  xx_ *= factor;
+  xy_ *= factor;
+  yy_ *= factor;
+  reach_x_ *= factor;
+  reach_y_ *= factor;
+}
+
 GreyWindow ReadRingWindow(const TargetEdge& dot, const CodeFamily& family, WindowReader* reader) {
   const Ellipse& e = dot.ellipse;
-  const double radius = family.ring_outer + 0.2 * (family.ring_outer - family.ring_inner);
+  // A tenth more: the ring may show that its dot was measured too small.
+  const double radius = 1.1 * (family.ring_outer + 0.2 * (family.ring_outer - family.ring_inner));
   const double c = std::cos(e.angle_rad), s = std::sin(e.angle_rad);
   const double reach_x = radius * std::hypot(e.semi_major_px * c, e.semi_minor_px * s) + 1.0;
   const double reach_y = radius * std::hypot(e.semi_major_px * s, e.semi_minor_px * c) + 1.0;
-  return reader->Read(
-      static_cast<int>(std::floor(e.x_px - reach_x)), static_cast<int>(std::floor(e.y_px - reach_y)),
-      static_cast<int>(std::ceil(e.x_px + reach_x)), static_cast<int>(std::ceil(e.y_px + reach_y)));
+  return reader->Read(static_cast<int>(std::floor(e.x_px - reach_x)),
+                      static_cast<int>(std::floor(e.y_px - reach_y)),
+                      static_cast<int>(std::ceil(e.x_px + reach_x)),
+                      static_cast<int>(std::ceil(e.y_px + reach_y)));
 }
 
 }  // namespace videogrammetry

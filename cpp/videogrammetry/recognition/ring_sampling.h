@@ -58,6 +58,10 @@ class RingSampler {
   /// All around, the first sector beginning `phase` sectors after t = 0.
   /// @return false if the window ends before the ring's inner circle.
   bool Sample(double phase, RingSamples* samples) const;
+  /// The largest factor by which a blurred dot may be larger than it was measured.
+  double LargestScale() const;
+  /// Takes the dot to be larger by a factor.
+  void Scale(double factor);
 
  private:
   struct Turned;
@@ -65,9 +69,10 @@ class RingSampler {
 
   const GreyWindow& window_;
   const CodeFamily& family_;
-  double x_, y_;           ///< centre
-  double xx_, xy_, yy_;    ///< E
-  float outside_, scale_;  ///< v = (I - outside) scale
+  double x_, y_;              ///< centre
+  double xx_, xy_, yy_;       ///< E
+  double reach_x_, reach_y_;  ///< of the ellipse
+  float outside_, scale_;     ///< v = (I - outside) scale
   double blur_px_, edge_sigma_px_;
 };
 

@@ -29,6 +29,7 @@ TARGET_COLUMNS = (
     *("image", "camera", "stage", "id", "x_px", "y_px", "semi_major_px", "semi_minor_px"),
     *("angle_rad", "sigma_x_px", "sigma_y_px"),
 )
+TARGET_OPTIONAL = ("id_confidence",)
 #: A priori standard deviation of an observation whose table states none.
 DEFAULT_SIGMA_PX = 0.05
 
@@ -57,6 +58,8 @@ class TargetTable:
     stage : (N,) from 1; 0 = not stated. id : (N,) code number or -1.
     xy_px, semi_axes_px : (N, 2). angle_rad : (N,).
     sigma_px : (N, 2), NaN where not stated.
+    id_confidence : (N,) probability that the ID is right, NaN where there is none or it
+        is not stated; None: the table does not have the column.
     """
 
     image: tuple[str, ...]
@@ -67,6 +70,7 @@ class TargetTable:
     semi_axes_px: FloatArray
     angle_rad: FloatArray
     sigma_px: FloatArray
+    id_confidence: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.id)
@@ -74,6 +78,10 @@ class TargetTable:
 
 def _positive(value: float) -> bool:
     return value > 0
+
+
+def _share(value: float) -> bool:
+    return 0 <= value <= 1
 
 
 def read_points(path: str | os.PathLike[str]) -> PointSet:
@@ -258,7 +266,7 @@ def write_scale_bars(path: str | os.PathLike[str], bars: Sequence[ScaleBar]) -> 
 
 def read_targets(path: str | os.PathLike[str]) -> TargetTable:
     """Reads a targets CSV; an ID may stand once in a picture."""
-    table = read_csv(path, TARGET_COLUMNS)
+    table = read_csv(path, TARGET_COLUMNS, TARGET_OPTIONAL)
     for row, image in enumerate(table.texts("image")):
         if not image:
             raise table.error(row, "image", "is empty: name the picture")
@@ -271,7 +279,13 @@ def read_targets(path: str | os.PathLike[str]) -> TargetTable:
         table.floats(c, empty=np.nan, check=_positive, expected="a positive sigma")
         for c in ("sigma_x_px", "sigma_y_px")
     ]
+    confidence = None
+    if "id_confidence" in table:
+        confidence = table.floats(
+            "id_confidence", empty=np.nan, check=_share, expected="a probability from 0 to 1"
+        )
     return TargetTable(
+        id_confidence=confidence,
         image=tuple(table.texts("image")),
         camera=tuple(table.texts("camera")),
         stage=table.integers("stage", empty=0, minimum=1),
@@ -301,6 +315,7 @@ def target_table(pictures: Iterable[tuple[str, str, int | None, Targets]]) -> Ta
         semi_axes_px=joined("semi_axes_px", 2),
         angle_rad=joined("angle_rad", 1)[:, 0],
         sigma_px=joined("sigma_px", 2),
+        id_confidence=joined("id_confidence", 1)[:, 0],
     )
 
 
@@ -316,4 +331,6 @@ def format_targets(table: TargetTable) -> str:
         table.angle_rad,
         *table.sigma_px.T,
     ]
-    return format_csv(TARGET_COLUMNS, columns)
+    if table.id_confidence is None:
+        return format_csv(TARGET_COLUMNS, columns)
+    return format_csv((*TARGET_COLUMNS, *TARGET_OPTIONAL), [*columns, table.id_confidence])

@@ -41,6 +41,17 @@ TEST(CodeFamilyTest, EveryNamedFamilyIsConsistent) {
   }
 }
 
+TEST(CodeFamilyTest, NamesCodesOneSectorApart) {
+  for (const std::string& name : CodeFamilyNames()) {
+    EXPECT_FALSE(OneSectorApart(NamedCodeFamily(name)).has_value()) << name;
+  }
+  CodeFamily family;
+  family.num_bits = 8;
+  family.codes = {0b00010001, 0b00001111, 0b00000111};  // 15 less one bit is 7
+  family.Index();
+  EXPECT_EQ(OneSectorApart(family), (std::pair{2, 3}));
+}
+
 TEST(CodeFamilyTest, ChecksAUsersTable) {
   CodeFamily family;
   family.num_bits = 4;
@@ -56,6 +67,13 @@ TEST(CodeFamilyTest, ChecksAUsersTable) {
   family.codes = {1};
   family.Index();
   family.ring_outer = 1.5;
+  EXPECT_THROW(family.Check(), std::invalid_argument);
+  family.ring_outer = 3.0;
+  EXPECT_NO_THROW(family.Check());
+  family.codes = {1, 3};  // not indexed
+  EXPECT_THROW(family.Check(), std::invalid_argument);
+  family.codes = {15};  // no change along the ring
+  family.Index();
   EXPECT_THROW(family.Check(), std::invalid_argument);
   EXPECT_THROW(NamedCodeFamily("schneider-13"), std::invalid_argument);
 }

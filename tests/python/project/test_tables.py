@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -211,6 +212,28 @@ def test_targets_round_trip(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.sigma_px, 0.01, rtol=RTOL)
     write(tmp_path, text + text.splitlines()[1] + "\n")
     with pytest.raises(TableError, match=r"line 6, column id: target a .*4 stands twice"):
+        read_targets(tmp_path / "points.csv")
+
+
+def test_the_confidence_of_ids_is_an_optional_column(tmp_path: Path) -> None:
+    targets = some_targets([4, -1])
+    assert np.isnan(targets.id_confidence).all()  # where nothing is known of it
+    sure = replace(targets, id_confidence=np.array([0.99975, np.nan]))
+    table = target_table([("a", "", None, sure)])
+    text = format_targets(table)
+    assert [line.rsplit(",", 1)[1] for line in text.splitlines()] == [
+        "id_confidence",
+        "0.99975",
+        "",
+    ]
+    back = read_targets(write(tmp_path, text))
+    assert back.id_confidence is not None
+    np.testing.assert_array_equal(back.id_confidence, sure.id_confidence)
+    without = format_targets(replace(table, id_confidence=None))
+    assert "id_confidence" not in without
+    assert read_targets(write(tmp_path, without)).id_confidence is None
+    write(tmp_path, text.replace("0.99975", "1.5"))
+    with pytest.raises(TableError, match=r"id_confidence: 1\.5 is out of range"):
         read_targets(tmp_path / "points.csv")
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from videogrammetry.recognition import CODE_FAMILIES, code_family
+from videogrammetry.recognition import CODE_FAMILIES, CodeFamily, code_family, mirror_images
 
 DATA = Path(os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data"))
 
@@ -56,7 +56,13 @@ def test_a_users_table_is_read(tmp_path, suffix):
         ("bits = 3\ncodes = [1]", "bits: expected a whole number 4"),
         ("bits = 12", "codes: expected a list"),
         ("bits = 12\ncodes = [4096]", "4096 does not fit into 12 bits"),
-        ("bits = 12\ncodes = [65, 130]", "given twice"),
+        ("bits = 12\ncodes = [71, 65, 130]", r"IDs 2 and 3 are .* rotations of one \(65\)"),
+        (
+            "bits = 12\ncodes = [65, 71, 67]",
+            r"ID 1 \(code 65\) and ID 3 \(code 67\) differ in one sector",
+        ),
+        ("bits = 12\ncodes = [65]\nmin_distance = 3", "min_distance: expected 1 or 2"),
+        ("bits = 12\ncodes = [4095]", r"4095 \(ID 1\) has no border"),
         ("bits = 12\ncodes = [65]\nring = 3", "ring: expected"),
         ("bits = 12\ncodes = [65]\nring = [3, 2]", "inner < outer"),
         ("bits = 12\ncodes = [65]\nradius = 3", "unknown key 'radius'"),
@@ -69,6 +75,29 @@ def test_a_malformed_table_is_refused_by_name(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as error:
         code_family(path)
     assert str(path) in str(error.value)
+
+
+def test_codes_one_sector_apart_pass_with_a_warning_where_that_is_said(tmp_path):
+    path = tmp_path / "printed.toml"
+    path.write_text("bits = 12\ncodes = [65, 71, 67]\nmin_distance = 1")
+    with pytest.warns(UserWarning, match="differ in one sector") as caught:
+        assert len(code_family(path)) == 3
+    assert str(path) in str(caught[0].message)
+
+
+def test_mirror_images_are_named():
+    family = CodeFamily(name="ours", bits=8, ring=(2.0, 3.0), codes=(11, 17, 13, 39))
+    # 11 = 1011 and 13 = 1101 are mirror images, 17 and 39 (100111, seen 111001) are not.
+    assert mirror_images(family) == ((1, 3),)
+    # 416 of the 516 codes differ from their mirror image; the rule does not see a direction.
+    assert len(mirror_images(code_family("schneider-14"))) == 208
+
+
+def test_a_family_is_checked_once():
+    family = code_family("schneider-14")
+    assert family.core is family.core
+    with pytest.raises(ValueError, match="not the smallest rotation"):
+        CodeFamily(name="turned", bits=8, ring=(2.0, 3.0), codes=(22,)).core  # noqa: B018
 
 
 def test_unknown_names_list_the_known_ones(tmp_path):

@@ -47,7 +47,7 @@ std::vector<std::uint8_t> MakeInput(unsigned long long seed, unsigned long long 
   // Not std::uniform_int_distribution: it differs between libraries.
   const auto below = [&](unsigned n) { return static_cast<unsigned>((random() >> 11) % n); };
   const bool picture = below(2) == 0;
-  const std::size_t size = picture ? kHeader + 8 * (1 + below(12)) : below(2000);
+  const std::size_t size = picture ? kHeader + 8 * (1 + below(8)) : below(2000);
   std::vector<std::uint8_t> bytes(std::max<std::size_t>(size, kHeader));
   for (auto& byte : bytes) byte = static_cast<std::uint8_t>(below(256));
   const unsigned width = below(6) == 0 ? below(65536) : below(320), height = below(320);
@@ -60,11 +60,17 @@ std::vector<std::uint8_t> MakeInput(unsigned long long seed, unsigned long long 
     bytes[8] = static_cast<std::uint8_t>(10 + below(30));
   }
   bytes[10] = picture ? 1 : 0;
-  if (picture && below(4) != 0) {
+  if (picture && below(4) != 0) {  // as dots are
+    const bool white = (bytes[5] & 1) == 0;
+    bytes[7] = static_cast<std::uint8_t>(12 + below(8));
+    bytes[9] = static_cast<std::uint8_t>(white ? below(60) : 200 + below(56));
     bytes[11] = static_cast<std::uint8_t>(below(20));
     for (std::size_t at = kHeader; at + 8 <= bytes.size(); at += 8) {
-      bytes[at + 7] = static_cast<std::uint8_t>(30 + below(120));  // blur as of a lens
-      if (below(2) == 0) bytes[at + 6] = 0;                        // no ring
+      bytes[at + 2] = static_cast<std::uint8_t>(below(120));
+      bytes[at + 3] = static_cast<std::uint8_t>(100 + below(156));
+      bytes[at + 5] = static_cast<std::uint8_t>(white ? 120 + below(136) : below(130));
+      bytes[at + 7] = static_cast<std::uint8_t>(30 + below(120));
+      if (below(2) == 0) bytes[at + 6] = 0;  // no ring
     }
   }
   // Runs of one value among arbitrary samples: edges, plateaus.

@@ -8,7 +8,7 @@
 //    5     bit 0 polarity, 1 direction, 2-3 estimator, 4-6 codes
 //    6     method
 //    7 - 8 smallest and largest diameter, quarters of pixels and pixels
-//    9     samples between rows (8 and 16 bit)
+//    9     samples between rows (8 and 16 bit), and the drawn picture's ground
 //   10     bit 0: the rest are drawing commands of 8 bytes, or else samples, repeated
 //   11     amplitude of noise
 #include <algorithm>
@@ -46,14 +46,19 @@ struct Bytes {
   std::abort();
 }
 
-/// A blurred ellipse, perhaps with sectors of a ring, over what is there.
-void Draw(const Bytes& bytes, std::size_t at, int width, int height, std::vector<double>* grey) {
+/// A blurred ellipse, perhaps with a ring of one of the family's codes, over what is there.
+void Draw(const Bytes& bytes, std::size_t at, const CodeFamily& family, int width, int height,
+          std::vector<double>* grey) {
   const double x = bytes[at] / 255.0 * width, y = bytes[at + 1] / 255.0 * height;
   const double a = 1.0 + bytes[at + 2] / 6.0, b = a * (0.2 + 0.8 * bytes[at + 3] / 255.0);
   const double angle = bytes[at + 4] / 255.0 * 3.14159265358979, value = bytes[at + 5] / 255.0;
-  const int ring = bytes[at + 6];
+  const int n = bytes[at + 6] == 0 ? 0 : family.num_bits;
+  const std::uint32_t code =
+      n == 0 ? 0 : family.codes[static_cast<std::size_t>(bytes[at + 6] * 7) % family.codes.size()];
   const double blur = 0.1 + bytes[at + 7] / 100.0, c = std::cos(angle), s = std::sin(angle);
-  const double reach = (ring != 0 ? 3.0 : 1.0) * a + 4 * blur;
+  const double reach = (n > 0 ? family.ring_outer : 1.0) * a + 4 * blur;
+  const double middle = 0.5 * (family.ring_inner + family.ring_outer);
+  const double half = 0.5 * (family.ring_outer - family.ring_inner);
   for (int j = std::max(0, static_cast<int>(y - reach)); j < std::min<double>(height, y + reach);
        ++j) {
     for (int i = std::max(0, static_cast<int>(x - reach)); i < std::min<double>(width, x + reach);
@@ -61,9 +66,9 @@ void Draw(const Bytes& bytes, std::size_t at, int width, int height, std::vector
       const double u = (c * (i - x) + s * (j - y)) / a, v = (-s * (i - x) + c * (j - y)) / b;
       const double radius = std::hypot(u, v);
       double out = (radius - 1.0) * b;
-      const int sector = static_cast<int>((std::atan2(v, u) + 3.1415926) / 6.2831854 * 14);
-      if (ring != 0 && radius > 1.5 && ((ring * 0x4d) >> sector) & 1) {
-        out = (std::abs(radius - 2.5) - 0.5) * b;
+      const int sector = static_cast<int>((std::atan2(v, u) + 3.1415926) / 6.2831854 * n);
+      if (n > 0 && radius > 1.5 && ((code >> (n - 1 - sector)) & 1) != 0) {
+        out = (std::abs(radius - middle) - half) * b;
       }
       double& pixel = (*grey)[static_cast<std::size_t>(j) * static_cast<std::size_t>(width) +
                               static_cast<std::size_t>(i)];
@@ -73,7 +78,8 @@ void Draw(const Bytes& bytes, std::size_t at, int width, int height, std::vector
 }
 
 /// Samples of `full` at most, in rows without gaps.
-std::vector<std::uint16_t> Samples(const Bytes& bytes, int width, int height, int full) {
+std::vector<std::uint16_t> Samples(const Bytes& bytes, const CodeFamily& family, int width,
+                                   int height, int full) {
   const auto count = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
   std::vector<std::uint16_t> samples(count);
   if ((bytes[10] & 1) == 0) {
@@ -84,9 +90,9 @@ std::vector<std::uint16_t> Samples(const Bytes& bytes, int width, int height, in
     }
     return samples;
   }
-  std::vector<double> grey(count, bytes[kHeader] / 255.0);
+  std::vector<double> grey(count, bytes[9] / 255.0);
   for (std::size_t at = kHeader; at + kCommand <= bytes.size; at += kCommand) {
-    Draw(bytes, at, width, height, &grey);
+    Draw(bytes, at, family, width, height, &grey);
   }
   std::uint32_t state = 12345;
   for (std::size_t i = 0; i < count; ++i) {
@@ -139,7 +145,8 @@ std::unique_ptr<T[]> Exactly(const std::vector<T>& values) {
 
 template <typename T>
 std::vector<Target> RecognizeSamples(const std::vector<std::uint16_t>& samples, int width,
-                                     int height, int gap, const RecognitionOptions& options) {
+                                     int height, int gap, const RecognitionOptions& options,
+                                     const CodeFamily& family) {
   const std::size_t stride = static_cast<std::size_t>(width + gap);
   const auto rows = static_cast<std::size_t>(height), columns = static_cast<std::size_t>(width);
   // The last row ends with its last sample.
@@ -151,12 +158,12 @@ std::vector<Target> RecognizeSamples(const std::vector<std::uint16_t>& samples, 
   }
   const auto exact = Exactly(values);
   const ImageView<T> view(exact.get(), width, height, static_cast<std::ptrdiff_t>(stride));
-  return Recognize(view, options, NamedCodeFamily(options.codes));
+  return Recognize(view, options, family);
 }
 
 std::vector<Target> RecognizePacked(const std::vector<std::uint16_t>& samples, int width,
                                     int height, PackedOrder order,
-                                    const RecognitionOptions& options) {
+                                    const RecognitionOptions& options, const CodeFamily& family) {
   std::vector<std::uint8_t> packed;
   for (std::size_t i = 0; i + 1 < samples.size(); i += 2) {
     const int a = samples[i], b = samples[i + 1];
@@ -168,7 +175,7 @@ std::vector<Target> RecognizePacked(const std::vector<std::uint16_t>& samples, i
   }
   const auto exact = Exactly(packed);
   const Packed12View view(exact.get(), width, height, order);
-  return Recognize(view, options, NamedCodeFamily(options.codes));
+  return Recognize(view, options, family);
 }
 
 void RunOne(const Bytes& bytes) {
@@ -178,16 +185,17 @@ void RunOne(const Bytes& bytes) {
   height = std::min(height, kMostPixels / std::max(1, width));
   const RecognitionOptions options = OptionsOf(bytes);
   constexpr int kFull[] = {255, 65535, 4095, 4095};
-  const auto samples = Samples(bytes, width, height, kFull[format]);
+  const CodeFamily family = NamedCodeFamily(options.codes);
+  const auto samples = Samples(bytes, family, width, height, kFull[format]);
   std::vector<Target> targets;
   try {
     if (format == 0) {
-      targets = RecognizeSamples<std::uint8_t>(samples, width, height, bytes[9], options);
+      targets = RecognizeSamples<std::uint8_t>(samples, width, height, bytes[9], options, family);
     } else if (format == 1) {
-      targets = RecognizeSamples<std::uint16_t>(samples, width, height, bytes[9], options);
+      targets = RecognizeSamples<std::uint16_t>(samples, width, height, bytes[9], options, family);
     } else {
       const auto order = format == 2 ? PackedOrder::kHighFirst : PackedOrder::kLowFirst;
-      targets = RecognizePacked(samples, width, height, order, options);
+      targets = RecognizePacked(samples, width, height, order, options, family);
     }
   } catch (const std::invalid_argument&) {
     return;  // options that nobody can mean

@@ -6,8 +6,8 @@
 Two series: pictures of 0.25 to 16 Mpx with 49 targets a Mpx, and one picture
 size (16 Mpx) with 10 to 5000 un-coded targets. A straight line is fitted to
 each by least squares; R^2 of it says whether the time grows in proportion. A
-time is the processor's for the thread, the shortest of several; sizes are gone through in turn, several times,
-so that a busy machine bends no line.
+time is the processor's for the thread, the shortest of several; the pictures are
+gone through in turn, so that a busy machine bends no line.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@
 #include "videogrammetry/recognition/bilinear.h"
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/edge_pair_search.h"
+#include "videogrammetry/recognition/dual_conic.h"
 #include "videogrammetry/recognition/gradient_mask.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/recognize.h"
@@ -154,6 +155,27 @@ void EdgePairs(benchmark::State& state) {
   state.SetLabel(InstructionSetName(set));
 }
 BENCHMARK(EdgePairs)->ArgsProduct({{8, 16, 12}, {0, 1, 2}})->Unit(benchmark::kMicrosecond);
+/// The first dot found, as a start for what measures it anew.
+template <typename T>
+TargetEdge FirstEdge() {
+  return Recognize(View<T>(), RecognitionOptions{}, SchneiderFamily(14)).front().edge;
+}
+
+template <typename T>
+void DualConic(benchmark::State& state) {
+  TargetEdge edge = FirstEdge<T>();
+  const Ellipse e = edge.ellipse;
+  WindowReader reader(View<T>(), 1);
+  const int reach = kRadius + 6, x = static_cast<int>(e.x_px), y = static_cast<int>(e.y_px);
+  double sigma = 0;
+  for (auto _ : state) {
+    const auto fit = FitDualConic(reader.Read(x - reach, y - reach, x + reach, y + reach), edge);
+    if (fit) sigma = std::sqrt(fit->cov(0, 0));
+  }
+  state.counters["sigma_px"] = sigma;
+}
+BENCHMARK(DualConic<std::uint8_t>)->Unit(benchmark::kMicrosecond);
+BENCHMARK(DualConic<std::uint16_t>)->Unit(benchmark::kMicrosecond);
 
 template <typename T>
 void Whole(benchmark::State& state) {

@@ -27,9 +27,10 @@ constexpr int kLeastPlateauPixels = 8;
 constexpr double kRounding = 1.0 / 12.0;
 /// Window around the contour that RefineByDualConic reads.
 constexpr double kMarginPx = 6.0;
-/// Standard deviation of a centre's coordinate without noise, of the axes twice that:
-/// RMS over places and shapes of rendered dots of 8 to 20 px, blur 0.6 to 0.8 px.
-constexpr double kSamplingPx = 0.0025;
+/// Standard deviation of a centre's coordinate without noise, beyond what the residuals of the
+/// plateaus already say: rendered dots of 8 to 20 px at blurs of 0.6 to 0.8 px have 0.0027 px
+/// RMS, the small and oblique ones more than this. Of the axes twice that.
+constexpr double kSamplingPx = 0.0018;
 /// A fit that leaves the start by more than this has found something else.
 constexpr double kMostMovedPx = 0.5, kMostResizedPx = 0.8;
 

@@ -36,6 +36,8 @@ struct DualConicFit {
 /// the weights: S comes out as E E^T + v. v is that of the residuals of Eq. (1),
 /// and taken off, so that the axes are those of the edge (the blurred picture of a
 /// disc, too, falls steepest at its radius, to the order of blur^4 / radius^3).
+/// Gradients that are noise have their tangents within the dot: at a contrast of 32 / 13
+/// times the noise axes of 4 to 10 px come out 0.02 / 0.09 px too small, centres unharmed.
 ///
 /// The covariance is the noise of the grey values carried through Eq. (1): every
 /// pixel's grey value enters the gradients of its four neighbours, so that these

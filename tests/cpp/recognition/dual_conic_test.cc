@@ -79,7 +79,7 @@ TEST(DualConicTest, FindsTheEllipseWithoutNoise) {
 /// is not seen in pictures of one place and taken off.
 TEST(DualConicTest, CovarianceIsThatOfTheScatter) {
   constexpr int kPictures = 400;
-  constexpr double kSampling = 0.0025;
+  constexpr double kSampling = 0.0018;
   for (const double noise : {36.0, 84.0}) {  // contrast over noise 75 and 32
     for (const double radius : {4.0, 6.0, 10.0}) {
       Dot dot;

@@ -7,6 +7,8 @@ import pytest
 import recognition_scenes as scenes
 
 from videogrammetry._core import recognition as core
+from videogrammetry.cli import recognize as cli_recognize
+from videogrammetry.project import schema
 from videogrammetry.recognition import (
     CODE_FAMILIES,
     RING_STATUS,
@@ -136,6 +138,16 @@ def test_options_equal_those_of_the_core():
         assert value == getattr(ours, field.name), field.name
     names = {n for n in dir(theirs) if not n.startswith("_")}
     assert names == {f.name for f in dataclasses.fields(ours)}
+
+
+def test_every_estimator_is_known_everywhere():
+    names = ("mean-gradient", "dual-conic", "model")
+    assert names == schema.ESTIMATORS == cli_recognize.ESTIMATORS
+    for name in names:
+        assert core.RecognitionOptions(estimator=name).estimator == name
+        assert len(recognize(np.zeros((9, 9), np.uint8), RecognitionOptions(estimator=name))) == 0
+    with pytest.raises(ValueError, match="estimator: expected 'mean-gradient'"):
+        core.RecognitionOptions(estimator="guess")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@
 #include "videogrammetry/recognition/edge_pair_region.h"
 #include "videogrammetry/recognition/edge_pair_samples.h"
 #include "videogrammetry/recognition/edge_pair_visits.h"
+#include "videogrammetry/recognition/gradient_threshold.h"
 
 namespace videogrammetry {
 namespace {
@@ -284,6 +285,14 @@ std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
   const SampleRows rows(frame, sign, set);
   if (rows.width < 3 || rows.height < 3) return {};
   return EdgePairSearch(rows, gradient_threshold, diameter_px).Search();
+}
+
+std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
+                                      const std::array<double, 2>& diameter_px,
+                                      InstructionSet set) {
+  if (FrameWidth(frame) < 3 || FrameHeight(frame) < 3) return {};
+  const int threshold = GradientThreshold(SampleGreyStatistics(frame, set));
+  return FindDotRegions(frame, sign, diameter_px, threshold, set);
 }
 
 }  // namespace videogrammetry

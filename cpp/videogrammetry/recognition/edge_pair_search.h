@@ -53,4 +53,9 @@ std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       int gradient_threshold,
                                       InstructionSet set = DetectInstructionSet());
 
+/// The same with the frame's own threshold.
+std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
+                                      const std::array<double, 2>& diameter_px,
+                                      InstructionSet set = DetectInstructionSet());
+
 }  // namespace videogrammetry

@@ -33,7 +33,7 @@ struct DotRegion {
 ///
 /// The level is the chord's own, so a dot with a dark rim is an area of its own on a
 /// background brighter than itself. The areas overlap where a chord's level joins a dot
-/// to what lies beside it, and a dot may be found at two levels: the caller leaves out
+/// to what lies beside it, and a dot may rarely be found at two levels: the caller leaves out
 /// what it has measured before. Segments of ring codes are areas too.
 ///
 /// Time and memory: an area's left border is met at most twice (once if accepted), so

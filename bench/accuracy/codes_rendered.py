@@ -27,6 +27,7 @@ seen as schneider-16, for one: nothing could tell).
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -45,7 +46,6 @@ from videogrammetry.recognition import (
 from videogrammetry.rendering import Background, Renderer, SceneTargets, Sensor, SpecularSpot
 from videogrammetry.rendering.disturbances import Conditions
 from videogrammetry.types import RigCamera
-import itertools
 
 F_PX, DISTANCE_MM = 3000.0, 1000.0
 NOISES = (13.0, 32.0, 75.0, 150.0)

@@ -11,8 +11,8 @@
 
 #include "videogrammetry/recognition/bilinear.h"
 #include "videogrammetry/recognition/candidate_search.h"
-#include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/dual_conic.h"
+#include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/gradient_mask.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/recognize.h"

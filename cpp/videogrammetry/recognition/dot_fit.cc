@@ -363,8 +363,7 @@ std::optional<Eigen::Matrix2d> ShapeOfMoments(double xx, double xy, double yy) {
 std::optional<DotStart> DotFitter::Begin(const GreyWindow& window, const DotStart& start,
                                          double blur_px) {
   if (!(start.inside > start.outside)) return std::nullopt;
-  const Selection selection =
-      SelectPixels(*kernels_, window, start.frame, blur_px, true, &pixels_);
+  const Selection selection = SelectPixels(*kernels_, window, start.frame, blur_px, true, &pixels_);
   float sums[6];
   kernels_->moments(selection.pixels, static_cast<float>(start.inside),
                     static_cast<float>(start.outside), sums);
@@ -372,9 +371,9 @@ std::optional<DotStart> DotFitter::Begin(const GreyWindow& window, const DotStar
   if (!(area > 1.0)) return std::nullopt;
   const Eigen::Vector2d mean(sums[1] / area, sums[2] / area);
   const double blur = blur_px * blur_px;
-  const auto shape =
-      ShapeOfMoments(sums[3] / area - mean.x() * mean.x() - blur,
-                     sums[4] / area - mean.x() * mean.y(), sums[5] / area - mean.y() * mean.y() - blur);
+  const auto shape = ShapeOfMoments(sums[3] / area - mean.x() * mean.x() - blur,
+                                    sums[4] / area - mean.x() * mean.y(),
+                                    sums[5] / area - mean.y() * mean.y() - blur);
   if (!shape) return std::nullopt;
   DotStart moved = start;
   moved.frame.center = mean + selection.origin;

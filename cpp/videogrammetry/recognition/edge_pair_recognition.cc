@@ -92,8 +92,7 @@ bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
 /// The ellipse cut at half height: of a blurred edge the part a is reached s times the
 /// normal distribution's quantile of a inside of it, or 0.59 s ln(a / (1 - a)).
 void Resize(double level, double blur_px, DotStart* dot) {
-  const double part =
-      std::clamp((level - dot->outside) / (dot->inside - dot->outside), 0.05, 0.95);
+  const double part = std::clamp((level - dot->outside) / (dot->inside - dot->outside), 0.05, 0.95);
   const double inward = 0.59 * blur_px * std::log(part / (1.0 - part));
   Eigen::Matrix2d& e = dot->frame.shape;
   const double least = 0.5 * std::sqrt(std::max(0.0, e.determinant()));
@@ -132,16 +131,13 @@ double Misfit(const ModelFit& fit, const GreyNoise& noise, double pixels) {
 }  // namespace
 
 EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options)
-    : options_(options),
-      reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1) {}
+    : options_(options), reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1) {}
 
 GreyWindow EdgePairRecognition::WindowOf(const EllipseFrame& frame, double more_px) {
-  const Eigen::Vector2d reach =
-      frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(more_px);
+  const Eigen::Vector2d reach = frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(more_px);
   const Eigen::Vector2d low = frame.center - reach, high = frame.center + reach;
   return reader_.Read(static_cast<int>(std::floor(low.x())), static_cast<int>(std::floor(low.y())),
-                      static_cast<int>(std::ceil(high.x())),
-                      static_cast<int>(std::ceil(high.y())));
+                      static_cast<int>(std::ceil(high.x())), static_cast<int>(std::ceil(high.y())));
 }
 
 std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const DotRegion& region,
@@ -245,8 +241,8 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const Start& 
   return edge;
 }
 
-std::vector<DotMeasurement> EdgePairRecognition::MeasureClear(
-    const std::vector<DotRegion>& regions, const CameraModel* camera) {
+std::vector<DotMeasurement> EdgePairRecognition::MeasureClear(const std::vector<DotRegion>& regions,
+                                                              const CameraModel* camera) {
   const double blur_px = camera ? camera->picture.blur_px : DotFitter::kUsualBlurPx;
   std::vector<Start> starts;
   PlaceIndex index;

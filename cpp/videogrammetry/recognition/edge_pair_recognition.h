@@ -39,8 +39,7 @@ class EdgePairRecognition {
                                            const CameraModel* camera);
 
   /// Measures what MeasureClear left, but for what lies where `leave_out` says true.
-  std::vector<DotMeasurement> MeasureUnclear(
-      const std::function<bool(const Ellipse&)>& leave_out);
+  std::vector<DotMeasurement> MeasureUnclear(const std::function<bool(const Ellipse&)>& leave_out);
 
   /// The picture's model after MeasureClear; nullopt if it had no dots.
   const std::optional<PictureModel>& picture() const { return picture_; }

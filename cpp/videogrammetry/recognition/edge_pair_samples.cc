@@ -17,7 +17,6 @@ const Kernels* TableOf([[maybe_unused]] InstructionSet set) {
 
 SampleRows::SampleRows(const FrameView& frame, int sign, InstructionSet set)
     : width(FrameWidth(frame)), height(FrameHeight(frame)), flip(sign > 0 ? 0 : 65535) {
-  Storage storage = kBytes;
   std::visit(
       [&](const auto& view) {
         using View = std::decay_t<decltype(view)>;

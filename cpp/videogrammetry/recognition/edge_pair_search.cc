@@ -28,6 +28,10 @@ constexpr int kLongestEdge = 64;
 /// the gradient.
 constexpr int kSurroundings = 9;
 
+/// Pixels by which an area may end further on one side of its middle than on the other,
+/// and an eighth of its extent.
+constexpr int kMostUnlike = 2;
+
 /// Columns that share the memory of the last area found in them.
 constexpr std::size_t kColumns = 8;
 
@@ -57,30 +61,59 @@ class EdgePairSearch {
 
   std::vector<DotRegion> Search() {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
-    std::vector<std::uint64_t> up(words), down(words);
-    std::vector<int> which(words + 1);
-    // In negated values rises and falls change places.
-    rises_ = rows_.flip == 0 ? up.data() : down.data();
-    falls_ = rows_.flip == 0 ? down.data() : up.data();
-    for (y_ = row_step_ / 2, row_ = 0; y_ < rows_.height; y_ += row_step_, ++row_) {
-      const int found = rows_.kernels->edges(rows_.row(y_), rows_.width, threshold_, up.data(),
-                                             down.data(), which.data());
-      ScanRow(which.data(), found);
-      visits_.Leave(row_);
+    for (ScannedRow& row : scanned_) {
+      row.up.resize(words);
+      row.down.resize(words);
     }
+    std::vector<int> which(words + 1);
+    int y = row_step_ / 2;
+    for (int row = 0; y < rows_.height; y += row_step_, ++row) {
+      ScannedRow& now = Scanned(row);
+      const int found = rows_.kernels->edges(rows_.row(y), rows_.width, threshold_, now.up.data(),
+                                             now.down.data(), which.data());
+      now.pairs.clear();
+      FindPairs(which.data(), found, &now);
+      FollowLongest(row - 1);
+    }
+    const int rows = (y - row_step_ / 2) / row_step_;
+    Scanned(rows).pairs.clear();
+    FollowLongest(rows - 1);
     return std::move(regions_);
   }
 
  private:
+  /// Last bit of a rise and first of the fall after it, without another edge between.
+  struct Pair {
+    int rise, fall;
+    int length() const { return fall - rise; }
+  };
+
+  /// What is kept of a row until the rows beside it have been scanned.
+  struct ScannedRow {
+    std::vector<std::uint64_t> up, down;
+    std::vector<Pair> pairs;
+  };
+
+  ScannedRow& Scanned(int row) { return scanned_[static_cast<std::size_t>(row + 3) % 3]; }
+  // In negated values rises and falls change places.
+  const std::uint64_t* Rises(const ScannedRow& row) const {
+    return rows_.flip == 0 ? row.up.data() : row.down.data();
+  }
+  const std::uint64_t* Falls(const ScannedRow& row) const {
+    return rows_.flip == 0 ? row.down.data() : row.up.data();
+  }
+
   // Goes through the beginnings of falls; those whose nearest edge before is a rise
   // close a chord.
-  void ScanRow(const int* which, int found) {
+  void FindPairs(const int* which, int found, ScannedRow* row) const {
+    const std::uint64_t* all_rises = Rises(*row);
+    const std::uint64_t* all_falls = Falls(*row);
     int last_edge = -1;  // in the words before
     bool last_rises = false;
     for (int j = 0; j < found; ++j) {
       const int i = which[j], base = 64 * i;
-      const std::uint64_t rises = rises_[i], falls = falls_[i], edges = rises | falls;
-      const std::uint64_t before = i > 0 ? falls_[i - 1] >> 63 : 0;
+      const std::uint64_t rises = all_rises[i], falls = all_falls[i], edges = rises | falls;
+      const std::uint64_t before = i > 0 ? all_falls[i - 1] >> 63 : 0;
       std::uint64_t starts = falls & ~(falls << 1 | before);
       while (starts != 0) {
         const int bit = std::countr_zero(starts);
@@ -93,7 +126,7 @@ class EdgePairSearch {
           edge = base + at;
           is_rise = (rises >> at) & 1;
         }
-        if (is_rise && base + bit - edge <= max_length_) ClosePair(edge, base + bit);
+        if (is_rise && base + bit - edge <= max_length_) row->pairs.push_back({edge, base + bit});
       }
       const int at = 63 - std::countl_zero(edges);
       last_edge = base + at;
@@ -101,8 +134,39 @@ class EdgePairSearch {
     }
   }
 
+  // Follows the pairs that are longer than those of the same area in the rows beside: an
+  // ellipse's chords grow up to the one next to its centre, and then shrink.
+  void FollowLongest(int row) {
+    if (row < 0) return;
+    row_ = row;
+    y_ = row_step_ / 2 + row * row_step_;
+    const std::vector<Pair>& above = Scanned(row - 1).pairs;
+    const std::vector<Pair>& below = Scanned(row + 1).pairs;
+    std::size_t first_above = 0, first_below = 0;
+    for (const Pair& pair : Scanned(row).pairs) {
+      if (IsShorter(pair, 0, above, &first_above) || IsShorter(pair, 1, below, &first_below)) {
+        continue;
+      }
+      ClosePair(pair);
+    }
+    visits_.Leave(row);
+  }
+
+  // Whether a pair of the row beside it overlaps and is longer by `least` or more. One that
+  // is much longer is of another area. `first` moves along with the pairs.
+  static bool IsShorter(const Pair& pair, int least, const std::vector<Pair>& beside,
+                        std::size_t* first) {
+    while (*first < beside.size() && beside[*first].fall <= pair.rise) ++*first;
+    const int most = 2 * pair.length() + 4;
+    for (std::size_t i = *first; i < beside.size() && beside[i].rise < pair.fall; ++i) {
+      const int length = beside[i].length();
+      if (length >= pair.length() + 1 - least && length <= most) return true;
+    }
+    return false;
+  }
+
   // First bit of the run that ends with `bit`, and last of the one that begins with it.
-  int RunStart(const std::uint64_t* words, int bit) const {
+  static int RunStart(const std::uint64_t* words, int bit) {
     int length = std::countl_one(words[bit / 64] << (63 - bit % 64));
     if (length == bit % 64 + 1 && bit >= 64) length += std::countl_one(words[bit / 64 - 1]);
     return bit - std::min(length, kLongestEdge) + 1;
@@ -115,13 +179,51 @@ class EdgePairSearch {
     return bit + std::min(length, kLongestEdge) - 1;
   }
 
-  void ClosePair(int rise_end, int fall_start) {
+  void ClosePair(const Pair& pair) {
+    const ScannedRow& scanned = Scanned(row_);
     // Bit i belongs to pixel i + 1.
-    const Run rise{RunStart(rises_, rise_end) + 1, rise_end + 1};
-    const Run fall{fall_start + 1, RunEnd(falls_, fall_start) + 1};
+    const Run rise{RunStart(Rises(scanned), pair.rise) + 1, pair.rise + 1};
+    const Run fall{pair.fall + 1, RunEnd(Falls(scanned), pair.fall) + 1};
     if (fall.right - rise.left < least_length_) return;
     if (visits_.SeenEnough(row_, rise.left - 1, rise.right + 1)) return;
-    if (const auto chord = MeasureChord(y_, rise, fall)) Follow(*chord);
+    const auto chord = MeasureChord(y_, rise, fall);
+    if (chord && LooksRound(*chord)) Follow(*chord);
+  }
+
+  // Goes from a chord to the middle of the area's extent above and below, and there to
+  // that of its extent to both sides: about this point an ellipse ends alike in opposite
+  // directions.
+  bool LooksRound(const Chord& chord) const {
+    const int level = chord.level();
+    // Half of five times the chord: minor / major >= 0.2.
+    int most = std::min(max_length_, 5 * chord.length / 2 + 4);
+    int x = chord.middle, y = y_;
+    const int up = Extent(x, y, 0, -1, level, most), down = Extent(x, y, 0, 1, level, most);
+    if (up > most || down > most) return false;
+    y += (down - up) / 2;
+    most = std::min(max_length_, 5 * (up + down + 1) / 2 + 4);
+    const int left = Extent(x, y, -1, 0, level, most), right = Extent(x, y, 1, 0, level, most);
+    if (left > most || right > most) return false;
+    x += (right - left) / 2;
+    return EndsAlike(x, y, 0, level, most) && EndsAlike(x, y, 1, level, most) &&
+           EndsAlike(x, y, -1, level, most);
+  }
+
+  // Pixels at or above the level from (x, y) on, without it; most + 1 if there are more or
+  // the picture ends.
+  int Extent(int x, int y, int dx, int dy, int level, int most) const {
+    for (int k = 1; k <= most + 1; ++k) {
+      x += dx;
+      y += dy;
+      if (x < 0 || y < 0 || x >= rows_.width || y >= rows_.height) return most + 1;
+      if (rows_.At(x, y) < level) return k - 1;
+    }
+    return most + 1;
+  }
+
+  bool EndsAlike(int x, int y, int dx, int level, int most) const {
+    const int up = Extent(x, y, -dx, -1, level, most), down = Extent(x, y, dx, 1, level, most);
+    return up <= most && down <= most && std::abs(up - down) <= kMostUnlike + (up + down) / 8;
   }
 
   // Values of a chord and its surroundings; x_ is the first one's pixel.
@@ -266,8 +368,7 @@ class EdgePairSearch {
   const int max_length_;  ///< of a chord, from edge to edge
   const int row_step_;
   const int least_length_;  ///< of a chord
-  const std::uint64_t* rises_ = nullptr;
-  const std::uint64_t* falls_ = nullptr;
+  std::array<ScannedRow, 3> scanned_;
   int x_ = 0, y_ = 0;
   int row_ = 0;  ///< index of y_ among the scanned rows
   BorderVisits visits_;

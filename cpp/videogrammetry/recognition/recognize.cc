@@ -105,9 +105,9 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
   // Sectors of rings that have been read need no second look.
   const RingPlaces rings(family, targets);
   const std::size_t clear = targets.size();
-  Append(recognition.MeasureUnclear([&](const Ellipse& dot) {
-    return rings.Holds(dot) || IsKnown(dot, targets, index);
-  }), &index, &targets, &regions);
+  Append(recognition.MeasureUnclear(
+             [&](const Ellipse& dot) { return rings.Holds(dot) || IsKnown(dot, targets, index); }),
+         &index, &targets, &regions);
   ReadRings(frame, sign, family, options.direction, &targets, clear);
   targets = InOrder(targets, regions);
   SelectByRings(family, &targets);

@@ -26,7 +26,7 @@ class RingPlaces {
     double semi_minor_px;
   };
 
-  double most_;       ///< in radii of the owner's dot
+  double most_;  ///< in radii of the owner's dot
   double reach_px_ = 0.0;
   std::vector<Owner> owners_;
   PlaceIndex index_;

@@ -109,22 +109,22 @@ TEST(BadInputTest, PicturesWithoutRoomHaveNoTargets) {
   std::mt19937 random(7);
   const Grey noise = [&random](int, int) { return static_cast<int>(random() % 4096); };
   for (const auto& [width, height] : {std::pair{0, 0},
-                                     {0, 9},
-                                     {8, 0},
-                                     {1, 1},
-                                     {2, 1},
-                                     {1, 2},
-                                     {2000, 1},
-                                     {1, 2000},
-                                     {2000, 2},
-                                     {2, 2000},
-                                     {3, 3},
-                                     {4, 300},
-                                     {300, 4},
-                                     {7, 7},
-                                     {64, 5},
-                                     {65, 5},
-                                     {66, 5}}) {
+                                      {0, 9},
+                                      {8, 0},
+                                      {1, 1},
+                                      {2, 1},
+                                      {1, 2},
+                                      {2000, 1},
+                                      {1, 2000},
+                                      {2000, 2},
+                                      {2, 2000},
+                                      {3, 3},
+                                      {4, 300},
+                                      {300, 4},
+                                      {7, 7},
+                                      {64, 5},
+                                      {65, 5},
+                                      {66, 5}}) {
     ExpectNothing("noise", width, height, noise);
   }
   for (const RecognitionOptions& options : AllOptions()) {

@@ -27,6 +27,7 @@ seen as schneider-16, for one: nothing could tell).
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -45,7 +46,6 @@ from videogrammetry.recognition import (
 from videogrammetry.rendering import Background, Renderer, SceneTargets, Sensor, SpecularSpot
 from videogrammetry.rendering.disturbances import Conditions
 from videogrammetry.types import RigCamera
-import itertools
 
 F_PX, DISTANCE_MM = 3000.0, 1000.0
 NOISES = (13.0, 32.0, 75.0, 150.0)
@@ -278,8 +278,11 @@ def frame(task):
                      confidence[at] if found else np.nan,
                      int(targets.ring_status[at]) if found else -1))  # fmt: skip
         if rows[-1][7] and number_of:
-            print(f"wrong: {name} frame {index} S{noise:.0f} {cell} read {read}, dot {size[k]:.1f} px, "
-                  f"tilt {tilts[k]:.0f}, at {targets.centre_px[at].round(1)}", flush=True)  # fmt: skip
+            what = f"{name} frame {index} S{noise:.0f} {kind} {cell[1:]} read {read}"
+            where = (
+                f"dot {size[k]:.1f} px, tilt {tilts[k]:.0f}, at {targets.centre_px[at].round(1)}"
+            )
+            print(f"wrong: {what}, {where}", flush=True)
     for at in set(np.flatnonzero(targets.id > 0).tolist()) - used:
         rows.append((name, noise, 0.0, 0.0, "elsewhere", True, False, True, confidence[at], 0))
         if number_of:

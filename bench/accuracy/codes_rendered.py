@@ -278,8 +278,11 @@ def frame(task):
                      confidence[at] if found else np.nan,
                      int(targets.ring_status[at]) if found else -1))  # fmt: skip
         if rows[-1][7] and number_of:
-            print(f"wrong: {name} frame {index} S{noise:.0f} {cell} read {read}, dot {size[k]:.1f} px, "
-                  f"tilt {tilts[k]:.0f}, at {targets.centre_px[at].round(1)}", flush=True)  # fmt: skip
+            what = f"{name} frame {index} S{noise:.0f} {kind} {cell[1:]} read {read}"
+            where = (
+                f"dot {size[k]:.1f} px, tilt {tilts[k]:.0f}, at {targets.centre_px[at].round(1)}"
+            )
+            print(f"wrong: {what}, {where}", flush=True)
     for at in set(np.flatnonzero(targets.id > 0).tolist()) - used:
         rows.append((name, noise, 0.0, 0.0, "elsewhere", True, False, True, confidence[at], 0))
         if number_of:

@@ -333,4 +333,4 @@ def format_targets(table: TargetTable) -> str:
     ]
     if table.id_confidence is None:
         return format_csv(TARGET_COLUMNS, columns)
-    return format_csv((*TARGET_COLUMNS, *TARGET_OPTIONAL), [*columns, table.id_confidence])
+    return format_csv((*TARGET_COLUMNS, *TARGET_OPTIONAL), [*columns, list(table.id_confidence)])

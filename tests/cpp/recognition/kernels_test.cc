@@ -6,6 +6,7 @@
 
 #include "videogrammetry/recognition/bilinear.h"
 #include "videogrammetry/recognition/gradient_mask.h"
+#include "videogrammetry/recognition/grey_window.h"
 
 namespace videogrammetry {
 namespace {
@@ -94,6 +95,38 @@ TYPED_TEST(KernelsTest, BilinearIsExactOnAPlane) {
                                                     out.data());
   // Quarters are exact in binary arithmetic.
   for (std::size_t k = 0; k < 4; ++k) EXPECT_EQ(out[k], 10 + 3 * x[k] + 5 * y[k]);
+}
+
+TEST(GreyWindowTest, SamplesAreTheSameBitsForEverySet) {
+  constexpr int kWidth = 61, kHeight = 40;
+  std::mt19937 random(5);
+  std::uniform_int_distribution<int> grey(0, 65535);
+  std::vector<std::uint16_t> pixels(kWidth * kHeight);
+  for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(grey(random));
+  const FrameView frame = ImageView16(pixels.data(), kWidth, kHeight);
+  std::uniform_real_distribution<float> across(7.0f, 55.9f), down(3.0f, 37.9f);
+  for (const int count : {1, 7, 8, 9, 15, 16, 17, 100, 300}) {
+    const auto n = static_cast<std::size_t>(count);
+    std::vector<float> x(n), y(n), expected(n);
+    for (std::size_t k = 0; k < n; ++k) x[k] = across(random), y[k] = down(random);
+    for (const InstructionSet set : kSets) {
+      if (set > DetectInstructionSet()) continue;
+      WindowReader reader(frame, -1, set);
+      std::vector<float> out(n);
+      reader.Read(7, 3, 57, 39).Sample(x.data(), y.data(), count, out.data());
+      if (set == InstructionSet::kBaseline) expected = out;
+      EXPECT_EQ(out, expected) << InstructionSetName(set) << ", count " << count;
+    }
+    // A rounding of 2^-24 of the largest value for each of a handful of operations.
+    const int i = static_cast<int>(x[0]), j = static_cast<int>(y[0]);
+    const double a = x[0] - i, b = y[0] - j;
+    const auto at = [&](int u, int v) {
+      return static_cast<double>(pixels[static_cast<std::size_t>(v * kWidth + u)]);
+    };
+    const double value = (1 - b) * ((1 - a) * at(i, j) + a * at(i + 1, j)) +
+                         b * ((1 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
+    EXPECT_NEAR(expected[0], -value, 65536.0 * 16 / (1 << 24) + 65536.0 * 4 * 1e-6 * 8);
+  }
 }
 
 }  // namespace

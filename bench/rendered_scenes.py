@@ -70,6 +70,25 @@ class Scene:
         return len(self.centre_px)
 
 
+def _orientations(rng, centre, tilt_deg):
+    """Normals up to ``tilt_deg`` off the way to the camera, and axes in the planes."""
+    n = len(centre)
+    towards = -centre / np.linalg.norm(centre, axis=1)[:, None]
+    tilt, turn = np.radians(rng.uniform(0, tilt_deg, n)), rng.uniform(0, 2 * math.pi, n)
+    side = np.cross(towards, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    up = np.cross(towards, side)
+    away = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up
+    normal = np.cos(tilt)[:, None] * towards + np.sin(tilt)[:, None] * away
+    x_axis = np.cross(normal, np.cross(away, towards))
+    x_axis -= (x_axis * normal).sum(axis=1)[:, None] * normal
+    x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
+    y_axis = np.cross(normal, x_axis)
+    spin = rng.uniform(0, 2 * math.pi, n)[:, None]
+    x_axis = np.cos(spin) * x_axis + np.sin(spin) * y_axis
+    return normal, x_axis
+
+
 def make_scene(
     seed,
     *,
@@ -107,19 +126,7 @@ def make_scene(
         translation_mm=np.zeros(3),
     )
     centre = np.stack([x_px - 0.5 * (width - 1), y_px - 0.5 * (height - 1), np.full(n, f)], axis=1)
-    towards = -centre / np.linalg.norm(centre, axis=1)[:, None]
-    tilt, turn = np.radians(rng.uniform(0, tilt_deg, n)), rng.uniform(0, 2 * math.pi, n)
-    side = np.cross(towards, [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side, axis=1)[:, None]
-    up = np.cross(towards, side)
-    away = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * up
-    normal = np.cos(tilt)[:, None] * towards + np.sin(tilt)[:, None] * away
-    x_axis = np.cross(normal, np.cross(away, towards))
-    x_axis -= (x_axis * normal).sum(axis=1)[:, None] * normal
-    x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
-    y_axis = np.cross(normal, x_axis)
-    spin = rng.uniform(0, 2 * math.pi, n)[:, None]
-    x_axis = np.cos(spin) * x_axis + np.sin(spin) * y_axis
+    normal, x_axis = _orientations(rng, centre, tilt_deg)
     ids = np.where(has_ring, rng.permutation(np.arange(n) % len(family.codes)) + 1, -1)
     white = WHITE * (1 + rng.uniform(-WHITE_SPREAD, WHITE_SPREAD, n))
     targets = SceneTargets(

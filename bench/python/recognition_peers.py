@@ -95,10 +95,13 @@ def ellipses(image, contours):
             continue
         if abs(cv2.contourArea(contour) - 0.785 * low * high) > 0.25 * 0.785 * low * high:
             continue
-        inside, beside = (round(x), round(y)), (round(x), round(y + 0.75 * high + 2))
-        if not (0 <= inside[0] < width and inside[1] >= 0 and beside[1] < height):
+        reach = 0.5 * high + 2.5
+        # A ring may stand on one side or two, not all around.
+        around = [(x + reach, y), (x - reach, y), (x, y + reach), (x, y - reach)]
+        if not (reach <= x < width - 1 - reach and reach <= y < height - 1 - reach):
             continue
-        if int(image[inside[1], inside[0]]) > int(image[beside[1], beside[0]]) + 20:
+        darkest = min(int(image[round(b), round(a)]) for a, b in around)
+        if int(image[round(y), round(x)]) > darkest + 20:
             places.append((x, y))
     return merged(places)
 

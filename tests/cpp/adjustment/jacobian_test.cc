@@ -10,10 +10,12 @@ struct State {
   Camera camera;
   Rigid3 outer, inner;
   Eigen::Vector3d point;
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  double radius_mm = 0;
 };
 
 Eigen::Vector2d Predict(const State& s) {
-  return *PredictImagePoint(s.camera, &s.outer, s.inner, s.point);
+  return *PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm});
 }
 
 Rigid3 Moved(const Rigid3& pose, int k, double step) {
@@ -53,7 +55,7 @@ TEST(ObservationModel, JacobiansEqualDifferences) {
     s.outer.translation_mm += s.inner.translation_mm - s.outer.rotation * s.inner.translation_mm;
     s.point = synthetic::UniformVector(&random, 400);
     ImagePointJacobians j;
-    ASSERT_TRUE(PredictImagePoint(s.camera, &s.outer, s.inner, s.point, &j)) << "seed " << seed;
+    ASSERT_TRUE(PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm}, &j)) << "seed " << seed;
     const InteriorVector scale = InteriorScale(s.camera);
     const std::string name = "seed " + std::to_string(seed) + " ";
     for (int k = 0; k < kNumInterior; ++k) {
@@ -95,8 +97,8 @@ TEST(ObservationModel, WithoutOuterPoseIsIdentity) {
   const Camera camera = synthetic::MakeCamera(2000);
   const Rigid3 identity, inner{Eigen::Matrix3d::Identity(), {10, 20, 2000}};
   const Eigen::Vector3d point(50, -30, 10);
-  const auto with = PredictImagePoint(camera, &identity, inner, point);
-  const auto without = PredictImagePoint(camera, nullptr, inner, point);
+  const auto with = PredictImagePoint(camera, &identity, inner, {point});
+  const auto without = PredictImagePoint(camera, nullptr, inner, {point});
   ASSERT_TRUE(with && without);
   EXPECT_EQ(*with, *without);
 }

@@ -56,12 +56,10 @@ py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
   const MatchArrays matches = ViewOf(offsets, camera, xy_px, cov_px2);
   const auto p = std::max<py::ssize_t>(offsets.size() - 1, 0);
   const auto m = static_cast<py::ssize_t>(camera.size());
-  const CircleArrays circles = {RowsOrNull(diameter_mm, p, 1, "diameter_mm"),
-                                RowsOrNull(ellipse, m, 3, "ellipse"),
-                                RowsOrNull(ellipse_cov, m, 9, "ellipse_cov"),
-                                RowsOrNull(normal, p, 3, "normal"),
-                                RowsOrNull(normal_cov, p, 9, "normal_cov"),
-                                thickness_mm};
+  const CircleArrays circles = {
+      RowsOrNull(diameter_mm, p, 1, "diameter_mm"), RowsOrNull(ellipse, m, 3, "ellipse"),
+      RowsOrNull(ellipse_cov, m, 9, "ellipse_cov"), RowsOrNull(normal, p, 3, "normal"),
+      RowsOrNull(normal_cov, p, 9, "normal_cov"),   thickness_mm};
   TriangulatedPoints points;
   {
     const py::gil_scoped_release release;

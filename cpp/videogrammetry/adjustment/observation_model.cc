@@ -28,8 +28,7 @@ void Chain(const Eigen::Matrix<double, 2, 3>& by_cam, const Rigid3* outer, const
 }  // namespace
 
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
-                                                 const Rigid3& inner,
-                                                 const Circle& mark,
+                                                 const Rigid3& inner, const Circle& mark,
                                                  ImagePointJacobians* jacobians) {
   const Eigen::Vector3d turned_inner = inner.rotation * mark.center_mm;
   const Eigen::Vector3d in_rig = turned_inner + inner.translation_mm;

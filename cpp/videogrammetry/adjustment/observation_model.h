@@ -25,8 +25,7 @@ struct ImagePointJacobians {
 /// @param mark  a point or circle of the object; radius_mm 0 = a point.
 /// @return nullopt where the mark has no picture (see Project).
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
-                                                 const Rigid3& inner,
-                                                 const Circle& mark,
+                                                 const Rigid3& inner, const Circle& mark,
                                                  ImagePointJacobians* jacobians = nullptr);
 
 }  // namespace videogrammetry

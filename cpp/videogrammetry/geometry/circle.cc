@@ -13,8 +13,8 @@ namespace {
 /// Whether the whole circle lies before the camera: its picture is an ellipse.
 bool IsBefore(const Circle& circle) {
   const double z = circle.center_mm.z();
-  const double reach = circle.radius_mm * std::sqrt(std::max(
-                                              0.0, 1.0 - circle.normal.z() * circle.normal.z()));
+  const double reach =
+      circle.radius_mm * std::sqrt(std::max(0.0, 1.0 - circle.normal.z() * circle.normal.z()));
   return z > reach;
 }
 

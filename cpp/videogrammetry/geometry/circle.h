@@ -71,7 +71,6 @@ Eigen::Vector2d DistortionShift(const Camera& camera, const Eigen::Vector2d& cen
 ///
 /// @return nullopt if the circle reaches behind the camera.
 std::optional<Eigen::Vector3d> ProjectedShape(
-    const Circle& circle_in_cam,
-    Eigen::Matrix<double, 3, 4>* by_normal_and_log_radius = nullptr);
+    const Circle& circle_in_cam, Eigen::Matrix<double, 3, 4>* by_normal_and_log_radius = nullptr);
 
 }  // namespace videogrammetry

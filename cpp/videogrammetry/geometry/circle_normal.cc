@@ -216,12 +216,11 @@ std::optional<Mode> ModeFrom(const std::vector<Shape>& shapes, const Eigen::Vect
 
 /// Mean and covariance of two modes together.
 NormalEstimate Merge(const Mode& first, const Mode& second) {
-  const double lead = second.system.chi2 + second.system.prior - first.system.chi2 -
-                      first.system.prior;
+  const double lead =
+      second.system.chi2 + second.system.prior - first.system.chi2 - first.system.prior;
   const double share = 1 / (1 + std::exp(-0.5 * lead));  // of the first
   NormalEstimate result;
-  result.normal =
-      (share * first.state.normal + (1 - share) * second.state.normal).normalized();
+  result.normal = (share * first.state.normal + (1 - share) * second.state.normal).normalized();
   const Eigen::Vector3d d1 = first.state.normal - result.normal;
   const Eigen::Vector3d d2 = second.state.normal - result.normal;
   const Eigen::Matrix3d across =
@@ -281,8 +280,8 @@ std::optional<NormalEstimate> EstimateNormal(const Rig& rig,
   auto second = ModeFrom(shapes, sight, best[1]);
   if (!first && !second) return std::nullopt;
   if (!first) std::swap(first, second);
-  if (second && second->system.chi2 + second->system.prior <
-                    first->system.chi2 + first->system.prior) {
+  if (second &&
+      second->system.chi2 + second->system.prior < first->system.chi2 + first->system.prior) {
     std::swap(first, second);
   }
   NormalEstimate result;

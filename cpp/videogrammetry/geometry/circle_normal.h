@@ -22,7 +22,7 @@ struct NormalEstimate {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< unit, towards the cameras
   Eigen::Matrix3d cov = Eigen::Matrix3d::Zero();      ///< rank 2: cov * normal = 0
   double radius_mm = 0.0;                             ///< from the ellipses' sizes
-  double chi2 = 0.0;  ///< of the shapes, 3 n - 3 degrees of freedom
+  double chi2 = 0.0;                                  ///< of the shapes, 3 n - 3 degrees of freedom
 };
 
 /// How far the normal may turn from the mean line of sight before anything is

@@ -254,8 +254,8 @@ TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
     IntersectionStatus status = Intersect(rig, sightings, &point);
     CircleIntersection circle;
     if (status == IntersectionStatus::kOk && !circles.empty()) {
-      status = IntersectCircle(rig, sightings, CircleOf(circles, i, begin, sightings), &point,
-                               &circle);
+      status =
+          IntersectCircle(rig, sightings, CircleOf(circles, i, begin, sightings), &point, &circle);
     }
     points.status[i] = static_cast<std::uint8_t>(status);
     if (!circles.empty()) {

@@ -273,7 +273,7 @@ def reconstruct_stage(
         xy[here] = xy_px[c][index[here]]
         cov[here] = cov_px2[c][index[here]]
     circles = None
-    if targets is not None and (diameter_mm is not None or thickness_mm != 0):
+    if targets is not None and len(point) and (diameter_mm is not None or thickness_mm != 0):
         ellipse, ellipse_cov = np.empty((len(point), 3)), np.empty((len(point), 3, 3))
         for c, seen in enumerate(targets):
             here = camera == c

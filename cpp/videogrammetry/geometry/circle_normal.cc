@@ -13,6 +13,8 @@ namespace videogrammetry {
 namespace {
 
 constexpr int kMaxIterations = 15;
+// A larger step could turn the normal over the limb, to another minimum.
+constexpr double kMaxTurnRad = 0.3;
 // A normal this sure, in rad, has a linear picture in the shapes.
 constexpr double kLinearRad = 0.05;
 
@@ -142,7 +144,9 @@ std::optional<System> Minimise(const std::vector<Shape>& shapes, const Eigen::Ve
   for (int i = 0; i < kMaxIterations; ++i) {
     Eigen::Matrix3d damped = system.information;
     damped.diagonal() *= 1 + damping;
-    const Eigen::Vector3d step = damped.ldlt().solve(system.right);
+    Eigen::Vector3d step = damped.ldlt().solve(system.right);
+    const double turn = step.head<2>().norm();
+    if (turn > kMaxTurnRad) step *= kMaxTurnRad / turn;
     if (!step.allFinite()) return std::nullopt;
     State next;
     next.normal = Turn(state->normal, TangentBasis(state->normal) * step.head<2>());
@@ -208,6 +212,8 @@ std::optional<Mode> ModeFrom(const std::vector<Shape>& shapes, const Eigen::Vect
                              State start) {
   const auto system = Minimise(shapes, sight, &start);
   if (!system) return std::nullopt;
+  // Shapes are even in the normal; the side that faces the cameras is meant.
+  if (start.normal.dot(sight) < 0) start.normal = -start.normal;
   const Eigen::Matrix<double, 3, 2> basis = TangentBasis(start.normal);
   const Eigen::Matrix2d cov = TangentCovariance(shapes, sight, start, *system);
   if (!cov.allFinite()) return std::nullopt;

@@ -118,8 +118,12 @@ def offsets():
                 gap = np.linalg.norm(model - rims)
                 worst = max(worst, gap)
                 share = f"{size / off - 1:7.0%}" if tilt else f"{'':7}"
-                print(f"{name:24} {field:5} {tilt:5} {off:9.5f} {np.linalg.norm(model - point):9.5f} "
-                      f"{size:9.5f} {share} {gap:10.6f} {np.linalg.norm(conic - rims):9.5f}")  # fmt: skip
+                found = np.linalg.norm(model - point)
+                curve = np.linalg.norm(conic - rims)
+                print(
+                    f"{name:24} {field:5} {tilt:5} {off:9.5f} {found:9.5f} {size:9.5f} {share} "
+                    f"{gap:10.6f} {curve:9.5f}"
+                )
     print(f"largest difference of model and rims: {worst:.6f} px\n")
 
 
@@ -180,9 +184,9 @@ def simulate(scene, noise_px, seed, stages=12):
     rng = np.random.default_rng(seed)
     rig, target = scene.rig(), scene.target()
     frames = {name: [] for name in rig.cameras}
-    reach = 0.1 * scene.range_mm
+    reach, half = 0.1 * scene.range_mm, [0, 0.5 * scene.angle_rad, 0]
     for stage in range(1, stages + 1):
-        turn = rotation_from_vector(rng.uniform(-0.6, 0.6, 3) + [0, -0.5 * scene.angle_rad, 0])
+        turn = rotation_from_vector(np.subtract(rng.uniform(-0.6, 0.6, 3), half))
         place = np.array([0, 0, scene.range_mm]) + rng.uniform(-1, 1, 3) * [reach, reach, reach]
         centre, normal = target.position_mm @ turn.T + place, target.normal @ turn.T
         for name, camera in rig.cameras.items():
@@ -194,14 +198,17 @@ def simulate(scene, noise_px, seed, stages=12):
             sigma = max(noise_px, 1e-4)
             frames[name].append(
                 FrameTargets(
-                    stage=stage, image=f"{name}{stage}", id=target.id[ok], xy_px=xy[ok],
+                    stage=stage,
+                    image=f"{name}{stage}",
+                    id=target.id[ok],
+                    xy_px=xy[ok],
                     cov_px2=np.tile([sigma**2, 0, sigma**2], (ok.sum(), 1)),
-                    ellipse=ellipse[ok], ellipse_cov=cov[ok],
+                    ellipse=ellipse[ok],
+                    ellipse_cov=cov[ok],
                 )  # fmt: skip
             )
     cameras = [
-        CameraFrames(name=name, image_size_px=(1024, 1024), frames=f, free=FREE,
-                     r0_px=400.0)
+        CameraFrames(name=name, image_size_px=(1024, 1024), frames=f, free=FREE, r0_px=400.0)
         for name, f in frames.items()
     ]
     sigma_mm = 1e-6 * scene.span_mm if not noise_px else 1e-5 * scene.span_mm
@@ -227,9 +234,7 @@ def parameter_errors(run, rig):
             )
             error.append(vector["xyz".index(parameter[1])])
         else:
-            error.append(
-                (found.translation_mm - true.translation_mm)["xyz".index(parameter[1])]
-            )
+            error.append((found.translation_mm - true.translation_mm)["xyz".index(parameter[1])])
         places.append(i)
     error = np.array(error)
     cov = run.rig.cov[np.ix_(places, places)]
@@ -246,9 +251,12 @@ def check_points(scene, noise_px, seed, count=300):
     reach = 0.12 * scene.range_mm
     centre = np.array([0, 0, scene.range_mm]) + rng.uniform(-reach, reach, (6 * count, 3))
     tilt, azimuth = rng.uniform(0, 1.1, 6 * count), rng.uniform(0, 2 * np.pi, 6 * count)
-    normal = np.column_stack(
-        [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)]
-    ) @ rotation_from_vector([0, -0.5 * scene.angle_rad, 0]).T
+    normal = (
+        np.column_stack(
+            [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)]
+        )
+        @ rotation_from_vector([0, -0.5 * scene.angle_rad, 0]).T
+    )
     ok = np.ones(len(centre), bool)
     for camera in rig.cameras.values():
         sight = centre + camera.rotation.T @ camera.translation_mm
@@ -285,10 +293,10 @@ def aligned_rms(found, true):
 
 def calibrations(draws):
     print("2. Calibration (12 stages, 49 circles) and check circles; all without snooping")
-    print("   px, s0: RMS residual and sigma0; e2: normalised squared errors (1 = as predicted)")
-    print("   of the cameras' parameters, of points with the true rig; mm: RMS of points with the")
-    print("   true rig, and with the calibrated one after the best rigid motion; cal px: the bias")
-    print("   of f and of the relative translation, in standard deviations")
+    print("   e2: normalised squared errors, 1 = as predicted, of the cameras' parameters and of")
+    print("   points with the true rig; df: error of the left f; mm: RMS error of points with the")
+    print("   true rig, and with the calibrated one after the best rigid motion. Without noise")
+    print("   points are weighted as of 1e-4 px")
     print(f"{'rig':22} {'noise':>6} {'normals':>10} {'RMS px':>9} {'floor px':>8} {'e2 cam':>8} "
           f"{'df px':>8} {'mm true':>9} {'e2 pts':>9} {'mm calib':>9}")  # fmt: skip
     for scene in SCENES:
@@ -315,8 +323,7 @@ def calibrations(draws):
                             run.rms_px,
                             max(run.rig.sigma_floor_px.values()),
                             parameter_errors(run, rig),
-                            run.rig.cameras["left"].interior[0]
-                            - rig.cameras["left"].interior[0],
+                            run.rig.cameras["left"].interior[0] - rig.cameras["left"].interior[0],
                             np.sqrt(np.mean(np.sum(error**2, axis=1))),
                             squares.mean() / 3,
                             aligned_rms(there, points[0]),

@@ -167,37 +167,40 @@ std::optional<System> Minimise(const std::vector<Shape>& shapes, const Eigen::Ve
   return system;
 }
 
-/// Covariance of the two tangent coordinates; where they are not small, the
-/// information is averaged over normals one standard deviation to either side.
+/// Covariance of the two tangent coordinates. Where they are not small the tilt
+/// shows in second order only, the information i(s) grows with the displacement s,
+/// and the deviation that explains itself, s^2 = 1 / i(s), is sought: a step goes to
+/// the geometric mean of s^2 and 1 / i(s), which is the solution where i ~ s^2.
 Eigen::Matrix2d TangentCovariance(const std::vector<Shape>& shapes, const Eigen::Vector3d& sight,
                                   const State& state, const System& at) {
-  Eigen::Matrix3d information = at.information;
-  Eigen::Matrix2d cov = information.inverse().topLeftCorner<2, 2>();
+  Eigen::Matrix2d cov = at.information.inverse().topLeftCorner<2, 2>();
   const Eigen::Matrix<double, 3, 2> basis = TangentBasis(state.normal);
-  for (int round = 0; round < 4; ++round) {
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(cov);
-    if (axes.eigenvalues()[1] < kLinearRad * kLinearRad) break;
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(cov);
+  if (!(axes.eigenvalues()[1] > kLinearRad * kLinearRad)) return cov;
+  constexpr int kRounds = 6;
+  for (int round = 0; round < kRounds; ++round) {
+    const Eigen::Vector2d sigma = axes.eigenvalues().cwiseMax(0.0).cwiseSqrt();
     Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
     int count = 0;
-    for (int k = 0; k < 2; ++k) {
-      const double sigma = std::sqrt(axes.eigenvalues()[k]);
-      for (const double sign : {-1.0, 1.0}) {
-        const Eigen::Vector3d step = basis * axes.eigenvectors().col(k) * (sign * sigma);
-        System there;
-        if (!Linearise(shapes, sight, {Turn(state.normal, step), state.log_radius}, &there)) {
-          continue;
-        }
-        // In the tangents of the centre, not of the displaced normal.
-        const Eigen::Vector3d normal = Turn(state.normal, step);
-        Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-        turn.topLeftCorner<2, 2>() = TangentBasis(normal).transpose() * basis;
-        sum += turn.transpose() * there.information * turn;
-        ++count;
-      }
+    for (int corner = 0; corner < 4; ++corner) {
+      const Eigen::Vector2d sign(corner % 2 == 0 ? 1 : -1, corner < 2 ? 1 : -1);
+      const Eigen::Vector3d step = basis * (axes.eigenvectors() * sigma.cwiseProduct(sign));
+      const Eigen::Vector3d normal = Turn(state.normal, step);
+      System there;
+      if (!Linearise(shapes, sight, {normal, state.log_radius}, &there)) continue;
+      // In the tangents of the centre, not of the displaced normal.
+      Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+      turn.topLeftCorner<2, 2>() = TangentBasis(normal).transpose() * basis;
+      sum += turn.transpose() * there.information * turn;
+      ++count;
     }
     if (count == 0) break;
-    information = sum / count;
-    cov = information.inverse().topLeftCorner<2, 2>();
+    const Eigen::Matrix2d found = Eigen::Matrix3d(sum / count).inverse().topLeftCorner<2, 2>();
+    const Eigen::Matrix2d& v = axes.eigenvectors();
+    Eigen::Vector2d variance;
+    for (int k = 0; k < 2; ++k) variance[k] = sigma[k] * std::sqrt(v.col(k).dot(found * v.col(k)));
+    cov = v * variance.asDiagonal() * v.transpose();
+    axes.compute(cov);
   }
   return cov;
 }

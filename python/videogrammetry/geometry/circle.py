@@ -54,9 +54,7 @@ def ellipse_centres(
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise ValueError(f"{name}: expected shape (N, 3), got {rows.shape}")
     diameter = np.broadcast_to(np.asarray(diameter_mm, dtype=float), len(centres)).copy()
-    result: FloatArray = _geometry.ellipse_centers(
-        camera_model(camera), centres, normals, diameter
-    )
+    result: FloatArray = _geometry.ellipse_centers(camera_model(camera), centres, normals, diameter)
     return result
 
 
@@ -91,9 +89,7 @@ def estimate_normals(
     ellipse_cov : (M, 3, 3) covariance of axes and angle.
     position_mm : (P, 3) the circles' centres.
     """
-    rig = [
-        _geometry.OrientedCamera(camera_model(c), c.rotation, c.translation_mm) for c in cameras
-    ]
+    rig = [_geometry.OrientedCamera(camera_model(c), c.rotation, c.translation_mm) for c in cameras]
     rows = np.ascontiguousarray(ellipse, dtype=np.float64).reshape(-1, 5)
     normal, cov, diameter = _geometry.estimate_normals(
         rig,

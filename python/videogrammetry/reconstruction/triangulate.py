@@ -300,15 +300,17 @@ def reconstruct_stage(
         chi2=result["chi2"][ok],
         convergence_rad=result["convergence_rad"][ok],
         residual_px=residual[ok],
-        **({} if circles is None else _circle_fields(result, ok, point, diameter_mm)),
+        **({} if circles is None else _circle_fields(result, offsets, diameter_mm)),
     )
 
 
 def _circle_fields(
-    result: Mapping[str, FloatArray], ok: FloatArray, point: FloatArray, diameter_mm: float | None
+    result: Mapping[str, FloatArray], offsets: npt.NDArray[np.int64], diameter_mm: float | None
 ) -> dict[str, FloatArray]:
-    largest = np.zeros(len(ok))
-    np.maximum.at(largest, point, np.linalg.norm(result["offset_px"], axis=1))
+    """What is known of the circles of the points that were triangulated."""
+    ok = result["status"] == 0
+    # Every match has sightings, so that no part of reduceat is empty.
+    largest = np.maximum.reduceat(np.linalg.norm(result["offset_px"], axis=1), offsets[:-1])
     corrected = np.isin(result["circle"], (1, 2)) & (diameter_mm is not None)
     return {
         "normal": result["normal"][ok],

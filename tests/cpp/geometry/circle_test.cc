@@ -89,12 +89,12 @@ TEST(Circle, JacobiansEqualDifferences) {
         return moved;
       };
       const double h = 1e-3;
-      const Eigen::Vector2d by_center = (*ProjectEllipseCenter(camera, at(h, 0)) -
-                                         *ProjectEllipseCenter(camera, at(-h, 0))) /
-                                        (2 * h);
-      const Eigen::Vector2d by_normal = (*ProjectEllipseCenter(camera, at(0, h)) -
-                                         *ProjectEllipseCenter(camera, at(0, -h))) /
-                                        (2 * h);
+      const Eigen::Vector2d by_center =
+          (*ProjectEllipseCenter(camera, at(h, 0)) - *ProjectEllipseCenter(camera, at(-h, 0))) /
+          (2 * h);
+      const Eigen::Vector2d by_normal =
+          (*ProjectEllipseCenter(camera, at(0, h)) - *ProjectEllipseCenter(camera, at(0, -h))) /
+          (2 * h);
       const Eigen::Vector3d shape =
           (*ProjectedShape(at(0, h)) - *ProjectedShape(at(0, -h))) / (2 * h);
       EXPECT_LT((j.by_center.col(k) - by_center).norm(), 5e-5) << k;

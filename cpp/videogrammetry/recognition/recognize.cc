@@ -1,8 +1,6 @@
 #include "videogrammetry/recognition/recognize.h"
 
-#include <algorithm>
 #include <cstdint>
-#include <numeric>
 #include <type_traits>
 
 #include "videogrammetry/core/thread_pool.h"
@@ -17,13 +15,11 @@
 namespace videogrammetry {
 namespace {
 
-/// Reads the rings of targets from `first` on.
 void ReadRings(const FrameView& frame, int sign, const CodeFamily& family,
-               ReadingDirection direction, std::vector<Target>* targets, std::size_t first = 0) {
+               ReadingDirection direction, std::vector<Target>* targets) {
   if (family.num_bits == 0) return;
   WindowReader reader(frame, sign);
-  for (std::size_t i = first; i < targets->size(); ++i) {
-    Target& target = (*targets)[i];
+  for (Target& target : *targets) {
     const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
     target.ring = ReadRing(window, target.edge, family, direction);
   }
@@ -64,52 +60,16 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   return targets;
 }
 
-/// Appends dots that are not known yet.
-void Append(const std::vector<DotMeasurement>& dots, PlaceIndex* index,
-            std::vector<Target>* targets, std::vector<int>* regions) {
-  for (const DotMeasurement& dot : dots) {
-    const Ellipse& e = dot.edge.ellipse;
-    if (IsKnown(e, *targets, *index)) continue;
-    index->Insert(e.x_px, e.y_px, static_cast<int>(targets->size()));
-    targets->push_back({dot.edge, {}});
-    regions->push_back(dot.region);
-  }
-}
-
-/// The targets in the order of their areas.
-std::vector<Target> InOrder(const std::vector<Target>& targets, const std::vector<int>& regions) {
-  std::vector<std::size_t> order(targets.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::sort(order.begin(), order.end(),
-            [&](std::size_t a, std::size_t b) { return regions[a] < regions[b]; });
-  std::vector<Target> sorted;
-  sorted.reserve(targets.size());
-  for (const std::size_t i : order) sorted.push_back(targets[i]);
-  return sorted;
-}
-
 /// The fast way. What it learned of the camera goes to `learned`, if that is not null.
 std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const RecognitionOptions& options,
                                          const CodeFamily& family, const CameraModel* camera,
                                          std::optional<CameraModel>* learned) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
-  EdgePairRecognition recognition(frame, options);
+  EdgePairRecognition recognition(frame, options, family);
   const int threshold =
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
-  const auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold);
-  std::vector<Target> targets;
-  std::vector<int> regions;
-  PlaceIndex index;
-  Append(recognition.MeasureClear(areas, camera), &index, &targets, &regions);
-  ReadRings(frame, sign, family, options.direction, &targets);
-  // Sectors of rings that have been read need no second look.
-  const RingPlaces rings(family, targets);
-  const std::size_t clear = targets.size();
-  Append(recognition.MeasureUnclear(
-             [&](const Ellipse& dot) { return rings.Holds(dot) || IsKnown(dot, targets, index); }),
-         &index, &targets, &regions);
-  ReadRings(frame, sign, family, options.direction, &targets, clear);
-  targets = InOrder(targets, regions);
+  const auto regions = FindDotRegions(frame, sign, options.diameter_px, threshold);
+  std::vector<Target> targets = recognition.Measure(regions, camera);
   SelectByRings(family, &targets);
   if (learned && recognition.picture()) *learned = CameraModel{threshold, *recognition.picture()};
   return targets;

@@ -149,7 +149,8 @@ EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const Recogniti
     : options_(options),
       family_(family),
       reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1),
-      rings_(family) {}
+      places_(reader_.width(), reader_.height()),
+      rings_(family, reader_.width(), reader_.height()) {}
 
 GreyWindow EdgePairRecognition::WindowOf(const EllipseFrame& frame, double more_px) {
   const Eigen::Matrix2d& e = frame.shape;

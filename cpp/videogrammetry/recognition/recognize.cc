@@ -25,9 +25,9 @@ void ReadRings(const FrameView& frame, int sign, const CodeFamily& family,
   }
 }
 
-void SelectByRings(const CodeFamily& family, std::vector<Target>* targets) {
+void SelectByRings(const CodeFamily& family, const FrameView& frame, std::vector<Target>* targets) {
   if (family.num_bits == 0) return;
-  RemoveRingPieces(family, targets);
+  RemoveRingPieces(family, FrameWidth(frame), FrameHeight(frame), targets);
   ResolveDuplicates(targets);
 }
 
@@ -46,7 +46,7 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   const SignedImage<T> picture(image, sign);
   const int threshold = GradientThreshold(MeasureGreyStatistics(image));
   std::vector<Target> targets;
-  PlaceIndex index;
+  PlaceIndex index(image.width(), image.height());
   for (const Candidate& candidate : FindCandidates(picture, options, threshold)) {
     if (IsKnown(candidate.ellipse, targets, index)) continue;
     const auto edge = MeasureTargetEdge(picture, candidate, options);
@@ -55,7 +55,7 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
     targets.push_back({*edge, {}});
   }
   ReadRings(image, sign, family, options.direction, &targets);
-  SelectByRings(family, &targets);
+  SelectByRings(family, image, &targets);
   if (options.estimator == Estimator::kModel) RefineByModel(picture, EdgesOf(&targets));
   return targets;
 }
@@ -70,7 +70,7 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
   const auto regions = FindDotRegions(frame, sign, options.diameter_px, threshold);
   std::vector<Target> targets = recognition.Measure(regions, camera);
-  SelectByRings(family, &targets);
+  SelectByRings(family, frame, &targets);
   if (learned && recognition.picture()) *learned = CameraModel{threshold, *recognition.picture()};
   return targets;
 }

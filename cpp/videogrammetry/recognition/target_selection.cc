@@ -32,7 +32,8 @@ bool IsKnown(const Ellipse& dot, const std::vector<Target>& known, const PlaceIn
   });
 }
 
-RingPlaces::RingPlaces(const CodeFamily& family) : most_(family.ring_outer + kBeyondRing) {}
+RingPlaces::RingPlaces(const CodeFamily& family, int width, int height)
+    : most_(family.ring_outer + kBeyondRing), index_(width, height) {}
 
 void RingPlaces::Add(const Target& target) {
   if (!HasRing(target)) return;
@@ -52,8 +53,9 @@ bool RingPlaces::Holds(const Eigen::Vector2d& center, double semi_minor_px) cons
   });
 }
 
-void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
-  RingPlaces rings(family);
+void RemoveRingPieces(const CodeFamily& family, int width, int height,
+                      std::vector<Target>* targets) {
+  RingPlaces rings(family, width, height);
   for (const Target& target : *targets) rings.Add(target);
   std::erase_if(*targets, [&](const Target& target) {
     const Ellipse& e = target.edge.ellipse;

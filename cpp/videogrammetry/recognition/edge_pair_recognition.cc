@@ -172,7 +172,7 @@ std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const Dot
   if (!MeasureGrey(*window, &dot)) return std::nullopt;
   Resize(region.level(), blur_px, &dot);
   const auto begun = fitter_.Begin(*window, dot, blur_px);
-  return Start{begun ? *begun : dot, dot, 0};
+  return Start{begun ? *begun : dot, dot};
 }
 
 std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegion>& regions,
@@ -268,7 +268,7 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const DotStar
   return edge;
 }
 
-void EdgePairRecognition::Add(const TargetEdge& edge, int region) {
+void EdgePairRecognition::Add(const TargetEdge& edge) {
   const Ellipse& e = edge.ellipse;
   if (IsKnown(e, targets_, places_)) return;
   places_.Insert(e.x_px, e.y_px, static_cast<int>(targets_.size()));
@@ -279,7 +279,6 @@ void EdgePairRecognition::Add(const TargetEdge& edge, int region) {
     rings_.Add(target);
   }
   targets_.push_back(target);
-  regions_.push_back(region);
 }
 
 bool EdgePairRecognition::IsMeasured(const EllipseFrame& frame) const {
@@ -296,7 +295,7 @@ void EdgePairRecognition::MeasureUnclear() {
     auto edge = MeasureByLocalCanny(start.dot);
     // What lies beyond a narrow rim, or shines on the dot, draws the moments aside.
     if (!edge) edge = MeasureByLocalCanny(start.cut_out);
-    if (edge) Add(*edge, start.region);
+    if (edge) Add(*edge);
   }
 }
 
@@ -319,19 +318,14 @@ std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& r
     if (rings_.Holds(center, minor)) continue;
     auto start = BeginAt(region, blur_px, &window);
     if (!start || IsMeasured(start->dot.frame)) continue;
-    start->region = i;
-    if (const auto edge = MeasureByModel(*start, window)) Add(*edge, i);
+    if (const auto edge = MeasureByModel(*start, window)) Add(*edge);
   }
   MeasureUnclear();
-  // In the areas' order.
-  std::vector<std::size_t> sequence(targets_.size());
-  std::iota(sequence.begin(), sequence.end(), std::size_t{0});
-  std::sort(sequence.begin(), sequence.end(),
-            [&](std::size_t a, std::size_t b) { return regions_[a] < regions_[b]; });
-  std::vector<Target> sorted;
-  sorted.reserve(targets_.size());
-  for (const std::size_t i : sequence) sorted.push_back(targets_[i]);
-  return sorted;
+  std::sort(targets_.begin(), targets_.end(), [](const Target& a, const Target& b) {
+    const Ellipse &e = a.edge.ellipse, &f = b.edge.ellipse;
+    return e.y_px != f.y_px ? e.y_px < f.y_px : e.x_px < f.x_px;
+  });
+  return std::move(targets_);
 }
 
 }  // namespace videogrammetry

@@ -36,7 +36,7 @@ class EdgePairRecognition {
                       const CodeFamily& family);
 
   /// @param camera  nullptr: learned from the picture.
-  /// @return the targets in the areas' order.
+  /// @return the targets in the order of their centres' y, then x.
   std::vector<Target> Measure(const std::vector<DotRegion>& regions, const CameraModel* camera);
 
   /// The picture's model after Measure; nullopt if it had no dots.
@@ -46,7 +46,6 @@ class EdgePairRecognition {
   struct Start {
     DotStart dot;
     DotStart cut_out;  ///< as the area has it, its moments not yet those of grey values
-    int region = 0;
   };
 
   GreyWindow WindowOf(const EllipseFrame& frame, double more_px);
@@ -56,7 +55,7 @@ class EdgePairRecognition {
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
   std::optional<TargetEdge> MeasureByLocalCanny(const DotStart& dot);
   void MeasureUnclear();
-  void Add(const TargetEdge& edge, int region);
+  void Add(const TargetEdge& edge);
   bool HasSize(const Ellipse& ellipse) const;
   bool IsMeasured(const EllipseFrame& frame) const;  ///< a target's centre is there
 
@@ -67,8 +66,7 @@ class EdgePairRecognition {
   std::optional<PictureModel> picture_;
   std::vector<Start> unclear_;
   std::vector<Target> targets_;
-  std::vector<int> regions_;  ///< of the targets
-  PlaceIndex places_;         ///< of the targets
+  PlaceIndex places_;  ///< of the targets
   RingPlaces rings_;
 };
 

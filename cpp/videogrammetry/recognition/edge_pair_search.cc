@@ -62,29 +62,39 @@ class EdgePairSearch {
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
         star_(samples_, max_length_),
-        latest_(static_cast<std::size_t>(rows.width / kColumns) + 1, -1) {}
-
-  std::vector<DotRegion> Search() {
+        latest_(static_cast<std::size_t>(rows.width / kColumns) + 1, -1) {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
     for (ScannedRow& row : scanned_) {
       row.up.resize(words);
       row.down.resize(words);
     }
-    std::vector<int> which(words + 1);
-    int y = row_step_ / 2, row = 0;
-    for (; y < rows_.height; y += row_step_, ++row) {
-      ScannedRow& now = Scanned(row);
-      const int found = rows_.kernels->edges(rows_.row(y), rows_.width, threshold_, now.up.data(),
-                                             now.down.data(), which.data());
-      FindPairs(which.data(), found, &now);
-      FollowLongest(row - 1);
-    }
-    Scanned(row).pairs.clear();
-    FollowLongest(row - 1);
-    return std::move(regions_);
+    which_.resize(words + 1);
   }
 
+  /// The window lies in the picture, is 3 pixels wide or more and begins in an even column.
+  void Search(const SearchWindow& window) {
+    left_ = window.left;
+    width_ = window.right - window.left + 1;
+    const std::uint8_t* first = rows_.row(0) + samples_.BytesTo(left_);
+    // The whole picture's rows.
+    int row = std::max(0, window.top - row_step_ / 2 + row_step_ - 1) / row_step_;
+    const int first_row = row;
+    for (ScannedRow& scanned : scanned_) scanned.pairs.clear();
+    for (int y = RowAt(row); y <= window.bottom; y = RowAt(++row)) {
+      ScannedRow& now = Scanned(row);
+      const int found = rows_.kernels->edges(first + y * rows_.stride_bytes, width_, threshold_,
+                                             now.up.data(), now.down.data(), which_.data());
+      FindPairs(found, &now);
+      if (row > first_row) FollowLongest(row - 1);
+    }
+    Scanned(row).pairs.clear();
+    if (row > first_row) FollowLongest(row - 1);
+  }
+
+  std::vector<DotRegion> Take() { return std::move(regions_); }
+
  private:
+  int RowAt(int row) const { return row_step_ / 2 + row * row_step_; }
   ScannedRow& Scanned(int row) { return scanned_[static_cast<std::size_t>(row + 3) % 3]; }
   // In negated values rises and falls change places.
   const std::uint64_t* Rises(const ScannedRow& row) const {
@@ -96,14 +106,14 @@ class EdgePairSearch {
 
   // Goes through the beginnings of falls; those whose nearest edge before is a rise
   // close a chord.
-  void FindPairs(const int* which, int found, ScannedRow* row) const {
+  void FindPairs(int found, ScannedRow* row) const {
     const std::uint64_t* all_rises = Rises(*row);
     const std::uint64_t* all_falls = Falls(*row);
     row->pairs.clear();
     int last_edge = -1;  // in the words before
     bool last_rises = false;
     for (int j = 0; j < found; ++j) {
-      const int i = which[j], base = 64 * i;
+      const int i = which_[static_cast<std::size_t>(j)], base = 64 * i;
       const std::uint64_t rises = all_rises[i], falls = all_falls[i], edges = rises | falls;
       const std::uint64_t before = i > 0 ? all_falls[i - 1] >> 63 : 0;
       std::uint64_t starts = falls & ~(falls << 1 | before);
@@ -129,14 +139,13 @@ class EdgePairSearch {
   // Looks at the pairs that are longer than those of the same area in the rows beside: an
   // ellipse's chords grow up to the one next to its centre, and then shrink.
   void FollowLongest(int row) {
-    if (row < 0) return;
-    y_ = row_step_ / 2 + row * row_step_;
+    y_ = RowAt(row);
     const ScannedRow& now = Scanned(row);
     const std::vector<Pair>& above = Scanned(row + 2).pairs;  // of row - 1
     const std::vector<Pair>& below = Scanned(row + 1).pairs;
     std::size_t first_above = 0, first_below = 0;
     for (const Pair& pair : now.pairs) {
-      if (row > 0 && IsShorter(pair, 1, above, &first_above)) continue;
+      if (IsShorter(pair, 1, above, &first_above)) continue;
       if (IsShorter(pair, 0, below, &first_below)) continue;
       LookAt(pair, now);
     }
@@ -163,16 +172,16 @@ class EdgePairSearch {
   }
   int RunEnd(const std::uint64_t* words, int bit) const {
     int length = std::countr_one(words[bit / 64] >> (bit % 64));
-    if (length == 64 - bit % 64 && bit / 64 + 1 < (rows_.width + 61) / 64) {
+    if (length == 64 - bit % 64 && bit / 64 + 1 < (width_ + 61) / 64) {
       length += std::countr_one(words[bit / 64 + 1]);
     }
     return bit + std::min(length, kLongestEdge) - 1;
   }
 
   void LookAt(const Pair& pair, const ScannedRow& scanned) {
-    // Bit i belongs to pixel i + 1.
-    const int rise = RunStart(Rises(scanned), pair.rise) + 1;
-    const int fall = RunEnd(Falls(scanned), pair.fall) + 1;
+    // Bit i belongs to the window's pixel i + 1.
+    const int rise = RunStart(Rises(scanned), pair.rise) + 1 + left_;
+    const int fall = RunEnd(Falls(scanned), pair.fall) + 1 + left_;
     if (fall - rise < least_length_) return;
     const auto chord = MeasureChord(pair, rise, fall);
     if (!chord) return;
@@ -184,8 +193,8 @@ class EdgePairSearch {
   // both sides, the smaller contrast at least half the larger: not so in texture.
   std::optional<Chord> MeasureChord(const Pair& pair, int rise, int fall) const {
     Chord chord;
-    chord.middle = (pair.rise + pair.fall) / 2 + 1;
-    chord.length = (pair.fall + fall - pair.rise - rise) / 2;
+    chord.middle = (pair.rise + pair.fall) / 2 + 1 + left_;
+    chord.length = (pair.length() + fall - rise) / 2;
     if (chord.middle < 1 || chord.middle + 1 >= rows_.width) return std::nullopt;
     const int a = samples_(chord.middle - 1, y_), b = samples_(chord.middle, y_),
               c = samples_(chord.middle + 1, y_);
@@ -256,7 +265,9 @@ class EdgePairSearch {
   const int row_step_;
   const int least_length_;  ///< of a chord
   const StarLook<kStorage> star_;
+  int left_ = 0, width_ = 0;  ///< of the window
   int y_ = 0;
+  std::vector<int> which_;  ///< words of the row with edges
   std::array<ScannedRow, 3> scanned_;
   std::vector<int> latest_;  ///< index of the last area centred in the columns, or -1
   std::vector<DotRegion> regions_;
@@ -266,21 +277,42 @@ class EdgePairSearch {
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      int gradient_threshold, InstructionSet set) {
+                                      int gradient_threshold,
+                                      const std::vector<SearchWindow>& windows,
+                                      InstructionSet set) {
   const SampleRows rows(frame, sign, set);
-  if (rows.width < 3 || rows.height < 3) return {};
+  const auto search = [&](auto&& in_storage) {
+    for (SearchWindow window : windows) {
+      // Packed samples begin with an even one.
+      window.left = std::max(0, window.left) & ~1;
+      window.top = std::max(0, window.top);
+      window.right = std::min(rows.width - 1, window.right);
+      window.bottom = std::min(rows.height - 1, window.bottom);
+      if (window.right - window.left >= 2) in_storage.Search(window);
+    }
+    return in_storage.Take();
+  };
   switch (rows.storage) {
     case edge_pair::kBytes:
-      return EdgePairSearch<edge_pair::kBytes>(rows, gradient_threshold, diameter_px).Search();
+      return search(EdgePairSearch<edge_pair::kBytes>(rows, gradient_threshold, diameter_px));
     case edge_pair::kWords:
-      return EdgePairSearch<edge_pair::kWords>(rows, gradient_threshold, diameter_px).Search();
+      return search(EdgePairSearch<edge_pair::kWords>(rows, gradient_threshold, diameter_px));
     case edge_pair::kPackedHighFirst:
-      return EdgePairSearch<edge_pair::kPackedHighFirst>(rows, gradient_threshold, diameter_px)
-          .Search();
+      return search(
+          EdgePairSearch<edge_pair::kPackedHighFirst>(rows, gradient_threshold, diameter_px));
     default:
-      return EdgePairSearch<edge_pair::kPackedLowFirst>(rows, gradient_threshold, diameter_px)
-          .Search();
+      return search(
+          EdgePairSearch<edge_pair::kPackedLowFirst>(rows, gradient_threshold, diameter_px));
   }
+}
+
+std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
+                                      const std::array<double, 2>& diameter_px,
+                                      int gradient_threshold, InstructionSet set) {
+  const int width = FrameWidth(frame), height = FrameHeight(frame);
+  if (width < 3 || height < 3) return {};
+  const std::vector<SearchWindow> whole = {{0, 0, width - 1, height - 1}};
+  return FindDotRegions(frame, sign, diameter_px, gradient_threshold, whole, set);
 }
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,

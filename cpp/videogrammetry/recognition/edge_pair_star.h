@@ -26,6 +26,11 @@ class Samples {
   int width() const { return width_; }
   int height() const { return height_; }
 
+  /// Bytes from a row's begin to sample x, which is even.
+  std::ptrdiff_t BytesTo(int x) const {
+    return kStorage == kBytes ? x : kStorage == kWords ? 2 * x : x / 2 * 3;
+  }
+
   int operator()(int x, int y) const {
     const std::uint8_t* row = data_ + y * stride_;
     if constexpr (kStorage == kBytes) {

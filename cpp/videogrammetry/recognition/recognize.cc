@@ -1,5 +1,8 @@
 #include "videogrammetry/recognition/recognize.h"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
 #include <type_traits>
 
@@ -60,19 +63,82 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   return targets;
 }
 
-/// The fast way. What it learned of the camera goes to `learned`, if that is not null.
+/// The second search: threshold over the first one's, and least diameter. Texture breaks a
+/// chord in proportion to its length: dots below are as well found by the first.
+constexpr int kSecondThreshold = 3;
+constexpr double kSecondDiameterPx = 8.0;
+
+/// Areas of both searches; those of the second begin at `second`.
+struct DotAreas {
+  std::vector<DotRegion> regions;
+  std::size_t second = 0;
+};
+
+/// A chord ends at the nearest edge beyond the threshold, so texture, compression or a
+/// gleam inside a dot of high contrast breaks its chords where the threshold follows faint
+/// edges. A second search at a higher threshold does not see them.
+DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
+                      int second_threshold, const std::vector<SearchWindow>& windows) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  DotAreas areas;
+  areas.regions = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
+  areas.second = areas.regions.size();
+  const double least = std::max(options.diameter_px[0], kSecondDiameterPx);
+  if (second_threshold == 0 || least >= options.diameter_px[1]) return areas;
+  PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
+  for (std::size_t i = 0; i < areas.second; ++i) {
+    const ContourMoments& m = areas.regions[i].moments;
+    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
+  }
+  const std::array<double, 2> diameters = {least, options.diameter_px[1]};
+  for (const DotRegion& area : FindDotRegions(frame, sign, diameters, second_threshold, windows)) {
+    const ContourMoments& m = area.moments;
+    // At another threshold a level moves a border by half a pixel.
+    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
+      const ContourMoments& other = areas.regions[static_cast<std::size_t>(number)].moments;
+      return std::abs(m.width_px - other.width_px) <= 2 &&
+             std::abs(m.height_px - other.height_px) <= 2;
+    });
+    if (!known) areas.regions.push_back(area);
+  }
+  return areas;
+}
+
+/// Whether a target is where an area of the second search was.
+bool NeedsSecondSearch(const DotAreas& areas, const std::vector<Target>& targets) {
+  for (std::size_t i = areas.second; i < areas.regions.size(); ++i) {
+    const ContourMoments& m = areas.regions[i].moments;
+    for (const Target& target : targets) {
+      const Ellipse& e = target.edge.ellipse;
+      if (std::hypot(e.x_px - m.mean_x, e.y_px - m.mean_y) < 0.5 * e.semi_minor_px) return true;
+    }
+  }
+  return false;
+}
+
+/// The fast way, in parts of the picture. What it learned of the camera goes to `learned`,
+/// if that is not null.
 std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const RecognitionOptions& options,
                                          const CodeFamily& family, const CameraModel* camera,
+                                         const std::vector<SearchWindow>& windows,
                                          std::optional<CameraModel>* learned) {
-  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
-  EdgePairRecognition recognition(frame, options, family);
-  const int threshold =
+  if (FrameWidth(frame) < 3 || FrameHeight(frame) < 3) return {};
+  const int first =
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
-  const auto regions = FindDotRegions(frame, sign, options.diameter_px, threshold);
-  std::vector<Target> targets = recognition.Measure(regions, camera);
+  const int second = camera ? camera->second_threshold : kSecondThreshold * first;
+  const DotAreas areas = FindDotAreas(frame, options, first, second, windows);
+  EdgePairRecognition recognition(frame, options, family);
+  std::vector<Target> targets = recognition.Measure(areas.regions, camera);
   SelectByRings(family, frame, &targets);
-  if (learned && recognition.picture()) *learned = CameraModel{threshold, *recognition.picture()};
+  if (learned && recognition.picture()) {
+    const bool both = NeedsSecondSearch(areas, targets);
+    *learned = CameraModel{first, both ? second : 0, *recognition.picture()};
+  }
   return targets;
+}
+
+std::vector<SearchWindow> WholeFrame(const FrameView& frame) {
+  return {{0, 0, FrameWidth(frame) - 1, FrameHeight(frame) - 1}};
 }
 
 std::vector<std::uint16_t> Unpacked(const Packed12View& image) {
@@ -92,7 +158,7 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
                                    std::optional<CameraModel>* learned = nullptr) {
   std::vector<Target> targets;
   if (options.method == kEdgePair) {
-    targets = RecognizeByEdgePairs(frame, options, family, camera, learned);
+    targets = RecognizeByEdgePairs(frame, options, family, camera, WholeFrame(frame), learned);
   } else {
     targets = std::visit(
         [&](const auto& image) {

@@ -18,9 +18,13 @@ constexpr std::size_t kLearnFrom = 12;
 /// Of these, those whose residuals, in units of the contrast, are no more than this
 /// many times those of the better quarter: clutter teaches nothing.
 constexpr double kMostResidual = 2.0;
-/// Part of the residuals that is not noise, in units of the contrast: of a dot, and
-/// of what is none.
-constexpr double kDot = 0.03, kNoDot = 0.15;
+/// Part of the residuals that is not noise, in units of the contrast, up to which the
+/// model of a dot is right.
+constexpr double kDot = 0.03;
+/// The second search: threshold over the first one's, and least diameter. Texture breaks
+/// a chord in proportion to its length: dots below are as well found by the first.
+constexpr int kSecondThreshold = 3;
+constexpr double kSecondDiameterPx = 8.0;
 /// What a fit may need beyond its start's ellipse.
 constexpr double kMoreReachPx = 1.5;
 /// What the local Canny may look at beyond an ellipse.
@@ -81,7 +85,8 @@ bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
     return false;
   }
   dot->inside = Median(deep);
-  dot->outside = Median(far);
+  // On a narrow dark rim the nearer one is the dot's ground.
+  dot->outside = std::min(Median(out), Median(far));
   const auto least = static_cast<float>(0.25 * (dot->inside - dot->outside));
   if (!(least > 0.0f)) return false;
   int failed = 0;
@@ -128,7 +133,40 @@ double Misfit(const ModelFit& fit, const GreyNoise& noise, double pixels) {
   return std::sqrt(variance) / (fit.inside - fit.outside);
 }
 
+/// Whether an area was found before: at another threshold a level moves a border by
+/// half a pixel.
+bool IsSameArea(const ContourMoments& a, const ContourMoments& b) {
+  return std::abs(a.width_px - b.width_px) <= 2 && std::abs(a.height_px - b.height_px) <= 2;
+}
+
 }  // namespace
+
+std::vector<DotRegion> FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
+                                    int gradient_threshold) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  auto areas = FindDotRegions(frame, sign, options.diameter_px, gradient_threshold);
+  const double least = std::max(options.diameter_px[0], kSecondDiameterPx);
+  if (least >= options.diameter_px[1]) return areas;
+  PlaceIndex index;
+  for (std::size_t i = 0; i < areas.size(); ++i) {
+    index.Insert(areas[i].moments.mean_x, areas[i].moments.mean_y, static_cast<int>(i));
+  }
+  const std::size_t first = areas.size();
+  for (const DotRegion& area : FindDotRegions(frame, sign, {least, options.diameter_px[1]},
+                                              kSecondThreshold * gradient_threshold)) {
+    const ContourMoments& m = area.moments;
+    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
+      return IsSameArea(areas[static_cast<std::size_t>(number)].moments, m);
+    });
+    if (!known) areas.push_back(area);
+  }
+  if (areas.size() > first) {
+    std::stable_sort(areas.begin(), areas.end(), [](const DotRegion& a, const DotRegion& b) {
+      return a.moments.mean_y < b.moments.mean_y;
+    });
+  }
+  return areas;
+}
 
 EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options)
     : options_(options), reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1) {}
@@ -150,7 +188,7 @@ std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const Dot
   if (!MeasureGrey(window, &dot)) return std::nullopt;
   Resize(region.level(), blur_px, &dot);
   const auto begun = fitter_.Begin(window, dot, blur_px);
-  return Start{begun ? *begun : dot, 0};
+  return Start{begun ? *begun : dot, dot, 0};
 }
 
 std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>& starts) {
@@ -201,13 +239,16 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start
     fit = fitter_.Fit(WindowOf(start.dot.frame, reach), start.dot, &*picture_);
   }
   const double misfit = fit ? Misfit(*fit, picture_->noise, fit->pixels) : 0.0;
-  if (!fit || (misfit > kDot && misfit < kNoDot)) unclear_.push_back(start);
-  if (!fit || misfit > kDot || !HasSize(fit->ellipse)) return std::nullopt;
+  if (!fit || misfit > kDot) {
+    unclear_.push_back(start);
+    return std::nullopt;
+  }
+  if (!HasSize(fit->ellipse)) return std::nullopt;
   return EdgeOf(*fit, picture_->noise);
 }
 
-std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const Start& start) {
-  const GreyWindow window = WindowOf(start.dot.frame, kUnclearReachPx);
+std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const DotStart& dot) {
+  const GreyWindow window = WindowOf(dot.frame, kUnclearReachPx);
   // The local Canny reads samples: of the window alone, so that every depth's are the same.
   std::vector<std::uint16_t> samples;
   samples.reserve(static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height));
@@ -220,11 +261,11 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const Start& 
   const SignedImage<std::uint16_t> local(ImageView16(samples.data(), window.width, window.height),
                                          reader_.sign());
   Candidate candidate;
-  candidate.ellipse = start.dot.frame.ToEllipse();
+  candidate.ellipse = dot.frame.ToEllipse();
   candidate.ellipse.x_px -= window.x0;
   candidate.ellipse.y_px -= window.y0;
-  candidate.inside = static_cast<float>(start.dot.inside);
-  candidate.level = static_cast<float>(0.5 * (start.dot.inside + start.dot.outside));
+  candidate.inside = static_cast<float>(dot.inside);
+  candidate.level = static_cast<float>(0.5 * (dot.inside + dot.outside));
   auto edge = MeasureTargetEdge(local, candidate, options_);
   if (!edge) return std::nullopt;
   const bool by_model = options_.estimator == Estimator::kModel;
@@ -276,7 +317,10 @@ std::vector<DotMeasurement> EdgePairRecognition::MeasureUnclear(
   std::vector<DotMeasurement> dots;
   for (const Start& start : unclear_) {
     if (leave_out(start.dot.frame.ToEllipse())) continue;
-    if (const auto edge = MeasureByLocalCanny(start)) dots.push_back({*edge, start.region});
+    auto edge = MeasureByLocalCanny(start.dot);
+    // What lies beyond a narrow rim, or shines on the dot, draws the moments aside.
+    if (!edge) edge = MeasureByLocalCanny(start.cut_out);
+    if (edge) dots.push_back({*edge, start.region});
   }
   return dots;
 }

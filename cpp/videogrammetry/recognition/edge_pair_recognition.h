@@ -12,6 +12,17 @@
 
 namespace videogrammetry {
 
+/// The areas of a picture that may be dots, from two searches of edge_pair_search.h.
+///
+/// A chord ends at the nearest edge beyond the threshold, so texture, compression or a
+/// gleam inside a dot of high contrast breaks its chords where the threshold follows
+/// faint edges. A second search at three times the threshold does not see them.
+///
+/// @param gradient_threshold  of the first search.
+/// @return in the rows' order.
+std::vector<DotRegion> FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
+                                    int gradient_threshold);
+
 /// A dot measured, and how much of its grey values the model leaves open.
 struct DotMeasurement {
   TargetEdge edge;
@@ -23,11 +34,11 @@ struct DotMeasurement {
 /// 1. A look at sixteen places: brighter inside than outside all around.
 /// 2. Noise, blur and evenness of the light from some dots, if no camera's model is
 ///    given (PoolModels, PoolGradient).
-/// 3. The blurred ellipse (DotFitter). What of the residuals is more than noise, in
-///    units of the contrast, says what it is: a dot up to 3 %, no dot from 15 % on.
-///    In between, and where the fit fails, something lies in front of the dot,
-///    shines on it, or it is none: MeasureTargetEdge of the local Canny decides, and
-///    FitModel measures.
+/// 3. The blurred ellipse (DotFitter). Where no more than 3 % of the contrast is left in
+///    the residuals beyond noise, it is a dot. Where there is more, and where the fit
+///    fails, something lies in front of the dot or near it, shines on it, or it is none:
+///    MeasureTargetEdge of the local Canny decides, which sees what is none in some
+///    microseconds, and FitModel measures.
 class EdgePairRecognition {
  public:
   EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options);
@@ -47,6 +58,7 @@ class EdgePairRecognition {
  private:
   struct Start {
     DotStart dot;
+    DotStart cut_out;  ///< as the area has it, its moments not yet those of grey values
     int region = 0;
   };
 
@@ -54,7 +66,7 @@ class EdgePairRecognition {
   GreyWindow WindowOf(const EllipseFrame& frame, double more_px);
   std::optional<PictureModel> Learn(const std::vector<Start>& starts);
   std::optional<TargetEdge> MeasureByModel(const Start& start);
-  std::optional<TargetEdge> MeasureByLocalCanny(const Start& start);
+  std::optional<TargetEdge> MeasureByLocalCanny(const DotStart& dot);
   bool HasSize(const Ellipse& ellipse) const;
 
   const RecognitionOptions& options_;

@@ -9,7 +9,6 @@
 #include "videogrammetry/recognition/candidate_search.h"
 #include "videogrammetry/recognition/dual_conic.h"
 #include "videogrammetry/recognition/edge_pair_recognition.h"
-#include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/model_pool.h"
 #include "videogrammetry/recognition/target_selection.h"
@@ -96,7 +95,7 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
   EdgePairRecognition recognition(frame, options);
   const int threshold =
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
-  const auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold);
+  const auto areas = FindDotAreas(frame, options, threshold);
   std::vector<Target> targets;
   std::vector<int> regions;
   PlaceIndex index;

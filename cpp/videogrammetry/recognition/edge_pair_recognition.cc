@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <numbers>
 
+#include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/model_pool.h"
 #include "videogrammetry/recognition/place_index.h"
 
@@ -21,6 +22,13 @@ constexpr double kMostResidual = 2.0;
 /// Part of the residuals that is not noise, in units of the contrast, up to which the
 /// model of a dot is right.
 constexpr double kDot = 0.03;
+/// The least such part that the noise lets be seen, beyond which it says nothing: that of
+/// a contrast of eight times the noise.
+constexpr double kBlind = 0.07;
+/// Added light, in units of the contrast over a radius, from which on DotFitter's light,
+/// which multiplies, moves dots by more than it says: an edge of blur s moves by 1.25 s
+/// times it, 0.02 px.
+constexpr double kFlare = 0.015;
 /// The second search: threshold over the first one's, and least diameter. Texture breaks
 /// a chord in proportion to its length: dots below are as well found by the first.
 constexpr int kSecondThreshold = 3;
@@ -29,82 +37,8 @@ constexpr double kSecondDiameterPx = 8.0;
 constexpr double kMoreReachPx = 1.5;
 /// What the local Canny may look at beyond an ellipse.
 constexpr double kUnclearReachPx = 10.0;
-
-constexpr int kPlaces = 16;
-
-const std::array<Eigen::Vector2d, kPlaces>& Directions() {
-  static const auto directions = [] {
-    std::array<Eigen::Vector2d, kPlaces> u;
-    for (int i = 0; i < kPlaces; ++i) {
-      const double t = 2 * std::numbers::pi * i / kPlaces;
-      u[static_cast<std::size_t>(i)] = {std::cos(t), std::sin(t)};
-    }
-    return u;
-  }();
-  return directions;
-}
-
-/// Grey values at some distance from the ellipse, in the directions of its normals.
-using Around = std::array<float, kPlaces>;
-
-/// @return false if the window ends before.
-bool SampleAround(const GreyWindow& window, const EllipseFrame& frame, double distance_px,
-                  Around* grey) {
-  const Eigen::Matrix2d& e = frame.shape;
-  Around x, y;
-  for (std::size_t k = 0; k < kPlaces; ++k) {
-    const Eigen::Vector2d& u = Directions()[k];
-    Eigen::Vector2d normal(e(1, 1) * u.x() - e(0, 1) * u.y(), e(0, 0) * u.y() - e(0, 1) * u.x());
-    const Eigen::Vector2d p = frame.center + e * u + distance_px / normal.norm() * normal;
-    if (!window.Covers(p.x(), p.y())) return false;
-    x[k] = static_cast<float>(p.x());
-    y[k] = static_cast<float>(p.y());
-  }
-  window.Sample(x.data(), y.data(), kPlaces, grey->data());
-  return true;
-}
-
-float Median(Around grey) {
-  std::nth_element(grey.begin(), grey.begin() + kPlaces / 2, grey.end());
-  return grey[kPlaces / 2];
-}
-
-/// Grey values of a dot and its surroundings, whatever level it was cut out at.
-/// @return false unless it is brighter inside than outside all around; one place may fail.
-bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
-  constexpr int kMayFail = 1;
-  constexpr double kNearPx = 1.25, kFarPx = 2.25;
-  const Eigen::Matrix2d& e = dot->frame.shape;
-  // (not less than the minor axis)
-  const double minor = e.determinant() / std::max(e(0, 0), e(1, 1));
-  Around deep, in, out, far;
-  if (!SampleAround(window, dot->frame, kFarPx, &far) ||
-      !SampleAround(window, dot->frame, kNearPx, &out) ||
-      !SampleAround(window, dot->frame, -std::min(1.5, 0.6 * minor), &in) ||
-      !SampleAround(window, dot->frame, -0.6 * minor, &deep)) {
-    return false;
-  }
-  dot->inside = Median(deep);
-  // On a narrow dark rim the nearer one is the dot's ground.
-  dot->outside = std::min(Median(out), Median(far));
-  const auto least = static_cast<float>(0.25 * (dot->inside - dot->outside));
-  if (!(least > 0.0f)) return false;
-  int failed = 0;
-  for (std::size_t k = 0; k < kPlaces; ++k) failed += in[k] - out[k] < least;
-  return failed <= kMayFail;
-}
-
-/// The ellipse cut at half height: of a blurred edge the part a is reached s times the
-/// normal distribution's quantile of a inside of it, or 0.59 s ln(a / (1 - a)).
-void Resize(double level, double blur_px, DotStart* dot) {
-  const double part = std::clamp((level - dot->outside) / (dot->inside - dot->outside), 0.05, 0.95);
-  const double inward = 0.59 * blur_px * std::log(part / (1.0 - part));
-  Eigen::Matrix2d& e = dot->frame.shape;
-  const double least = 0.5 * std::sqrt(std::max(0.0, e.determinant()));
-  if (e(0, 0) + inward < least || e(1, 1) + inward < least) return;
-  e(0, 0) += inward;
-  e(1, 1) += inward;
-}
+/// How much larger a dot may be than the gleam on it, in radii of that.
+constexpr double kMostGleam = 2.0;
 
 /// Standard deviation of the edge's place in a strip one pixel wide: Cramer and Rao's
 /// for an edge of blur s, noise n and contrast C is sqrt(2 sqrt(pi) s) n / C.
@@ -125,13 +59,78 @@ TargetEdge EdgeOf(const ModelFit& fit, const GreyNoise& noise) {
   return edge;
 }
 
-/// Part of the residuals that is not noise, in units of the contrast.
-double Misfit(const ModelFit& fit, const GreyNoise& noise, double pixels) {
-  const double chance = 3.0 * std::sqrt(2.0 / pixels);
+/// Whether the residuals hold no more than noise and what a dot's may, and the noise is
+/// not such that they tell nothing.
+bool IsClear(const ModelFit& fit, const GreyNoise& noise) {
+  const double chance = 3.0 * std::sqrt(2.0 / fit.pixels);
   const double excess = std::max(0.0, fit.variance_factor - 1.0 - chance);
-  const double variance = excess * noise.Variance(0.5 * (fit.inside + fit.outside));
-  return std::sqrt(variance) / (fit.inside - fit.outside);
+  const double contrast = fit.inside - fit.outside;
+  const double unit = noise.Variance(0.5 * (fit.inside + fit.outside)) / (contrast * contrast);
+  return excess * unit <= kDot * kDot && chance * unit <= kBlind * kBlind;
 }
+
+/// The flare that dots have in common: the median of a gradient's square is 2 ln 2 times
+/// the variance of a coordinate.
+double PoolFlare(std::vector<double> squares, std::vector<double> noise) {
+  const auto median = [](std::vector<double>* values) {
+    const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+    std::nth_element(values->begin(), middle, values->end());
+    return *middle;
+  };
+  if (squares.empty()) return 0.0;
+  const double variance = median(&squares) / (2.0 * std::numbers::ln2) - median(&noise);
+  return std::sqrt(std::max(0.0, variance));
+}
+
+/// A window's samples as a picture of its own, so that every depth's are the same.
+class WindowPicture {
+ public:
+  WindowPicture(const GreyWindow& window, int sign)
+      : x0_(window.x0),
+        y0_(window.y0),
+        samples_(Samples(window, sign)),
+        image_(ImageView16(samples_.data(), window.width, window.height), sign) {}
+  WindowPicture(const WindowPicture&) = delete;
+  WindowPicture& operator=(const WindowPicture&) = delete;
+
+  const SignedImage<std::uint16_t>& image() const { return image_; }
+  Ellipse Inwards(Ellipse e) const { return Moved(e, -1); }
+  Ellipse Outwards(Ellipse e) const { return Moved(e, 1); }
+
+  /// Measures an edge anew by FitModel; if that fails or leaves it, it stays.
+  void Refine(const PictureModel* picture, TargetEdge* edge) const {
+    TargetEdge local = *edge;
+    local.ellipse = Inwards(edge->ellipse);
+    const auto fit = FitModel(image_, local, picture);
+    if (!fit || HasLeft(local.ellipse, fit->ellipse)) return;
+    edge->ellipse = Outwards(fit->ellipse);
+    edge->cov = fit->cov;
+    edge->inside = fit->inside;
+    edge->outside = fit->outside;
+  }
+
+ private:
+  static std::vector<std::uint16_t> Samples(const GreyWindow& window, int sign) {
+    std::vector<std::uint16_t> samples;
+    samples.reserve(static_cast<std::size_t>(window.width) *
+                    static_cast<std::size_t>(window.height));
+    for (int y = window.y0; y < window.y0 + window.height; ++y) {
+      for (int x = window.x0; x < window.x0 + window.width; ++x) {
+        samples.push_back(static_cast<std::uint16_t>(static_cast<float>(sign) * window(x, y)));
+      }
+    }
+    return samples;
+  }
+  Ellipse Moved(Ellipse e, int direction) const {
+    e.x_px += direction * x0_;
+    e.y_px += direction * y0_;
+    return e;
+  }
+
+  int x0_, y0_;
+  std::vector<std::uint16_t> samples_;
+  SignedImage<std::uint16_t> image_;
+};
 
 /// Whether an area was found before: at another threshold a level moves a border by
 /// half a pixel.
@@ -185,10 +184,11 @@ std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const Dot
   if (!shape) return std::nullopt;
   DotStart dot = {{{m.mean_x, m.mean_y}, *shape}, region.inside, region.outside};
   const GreyWindow window = WindowOf(dot.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
-  if (!MeasureGrey(window, &dot)) return std::nullopt;
+  FlareSample flare;
+  if (!MeasureGrey(window, &dot, &flare)) return std::nullopt;
   Resize(region.level(), blur_px, &dot);
   const auto begun = fitter_.Begin(window, dot, blur_px);
-  return Start{begun ? *begun : dot, dot, 0};
+  return Start{begun ? *begun : dot, dot, flare, 0};
 }
 
 std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>& starts) {
@@ -222,6 +222,15 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>&
     if (fit) fits.push_back(*fit);
   }
   picture->gradient = PoolGradient(fits);
+  std::vector<double> squares, variances;
+  const double least = 0.5 * (fits.empty() ? 0.0 : fits[0].inside - fits[0].outside);
+  for (const Start& start : starts) {
+    if (start.dot.inside - start.dot.outside < least) continue;
+    squares.push_back(start.flare.square);
+    variances.push_back(start.flare.noise);
+  }
+  const double flare = PoolFlare(squares, variances);
+  if (flare > kFlare) picture->flare = flare;
   return picture;
 }
 
@@ -230,7 +239,7 @@ bool EdgePairRecognition::HasSize(const Ellipse& e) const {
          2.0 * e.semi_major_px <= options_.diameter_px[1];
 }
 
-/// What is neither clearly a dot nor clearly none goes to unclear_.
+/// What is not clearly a dot goes to unclear_.
 std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start) {
   const bool by_model = picture_ && options_.estimator != Estimator::kMeanGradient;
   std::optional<ModelFit> fit;
@@ -238,48 +247,42 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start
     const double reach = DotFitter::Reach(picture_->blur_px) + kMoreReachPx;
     fit = fitter_.Fit(WindowOf(start.dot.frame, reach), start.dot, &*picture_);
   }
-  const double misfit = fit ? Misfit(*fit, picture_->noise, fit->pixels) : 0.0;
-  if (!fit || misfit > kDot) {
+  if (!fit || !IsClear(*fit, picture_->noise)) {
     unclear_.push_back(start);
     return std::nullopt;
   }
   if (!HasSize(fit->ellipse)) return std::nullopt;
-  return EdgeOf(*fit, picture_->noise);
+  TargetEdge edge = EdgeOf(*fit, picture_->noise);
+  if (picture_->flare > kFlare) {
+    const WindowPicture local(WindowOf(start.dot.frame, kUnclearReachPx), reader_.sign());
+    local.Refine(&*picture_, &edge);
+  }
+  return edge;
 }
 
 std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const DotStart& dot) {
-  const GreyWindow window = WindowOf(dot.frame, kUnclearReachPx);
-  // The local Canny reads samples: of the window alone, so that every depth's are the same.
-  std::vector<std::uint16_t> samples;
-  samples.reserve(static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height));
-  const auto sign = static_cast<float>(reader_.sign());
-  for (int y = window.y0; y < window.y0 + window.height; ++y) {
-    for (int x = window.x0; x < window.x0 + window.width; ++x) {
-      samples.push_back(static_cast<std::uint16_t>(sign * window(x, y)));
-    }
-  }
-  const SignedImage<std::uint16_t> local(ImageView16(samples.data(), window.width, window.height),
-                                         reader_.sign());
+  const WindowPicture local(WindowOf(dot.frame, kUnclearReachPx), reader_.sign());
   Candidate candidate;
-  candidate.ellipse = dot.frame.ToEllipse();
-  candidate.ellipse.x_px -= window.x0;
-  candidate.ellipse.y_px -= window.y0;
+  candidate.ellipse = local.Inwards(dot.frame.ToEllipse());
   candidate.inside = static_cast<float>(dot.inside);
   candidate.level = static_cast<float>(0.5 * (dot.inside + dot.outside));
-  auto edge = MeasureTargetEdge(local, candidate, options_);
+  auto edge = MeasureTargetEdge(local.image(), candidate, options_);
   if (!edge) return std::nullopt;
-  const bool by_model = options_.estimator == Estimator::kModel;
-  const auto fit =
-      by_model ? FitModel(local, *edge, picture_ ? &*picture_ : nullptr) : std::nullopt;
-  if (fit && !HasLeft(edge->ellipse, fit->ellipse)) {
-    edge->ellipse = fit->ellipse;
-    edge->cov = fit->cov;
-    edge->inside = fit->inside;
-    edge->outside = fit->outside;
-  }
-  edge->ellipse.x_px += window.x0;
-  edge->ellipse.y_px += window.y0;
+  edge->ellipse = local.Outwards(edge->ellipse);
+  if (options_.estimator == Estimator::kModel)
+    local.Refine(picture_ ? &*picture_ : nullptr, &*edge);
   return edge;
+}
+
+std::optional<TargetEdge> EdgePairRecognition::MeasureUnclearAt(const Start& start) {
+  if (auto edge = MeasureByLocalCanny(start.dot)) return edge;
+  // What lies beyond a narrow rim draws the moments aside,
+  if (auto edge = MeasureByLocalCanny(start.cut_out)) return edge;
+  // and a gleam hides the rest of its dot.
+  const double more =
+      kMostGleam * std::sqrt(start.cut_out.frame.shape.determinant()) + kUnclearReachPx;
+  const auto low = CutOutLow(WindowOf(start.cut_out.frame, more), start.cut_out, blur_px());
+  return low ? MeasureByLocalCanny(*low) : std::nullopt;
 }
 
 std::vector<DotMeasurement> EdgePairRecognition::MeasureClear(const std::vector<DotRegion>& regions,
@@ -317,9 +320,7 @@ std::vector<DotMeasurement> EdgePairRecognition::MeasureUnclear(
   std::vector<DotMeasurement> dots;
   for (const Start& start : unclear_) {
     if (leave_out(start.dot.frame.ToEllipse())) continue;
-    auto edge = MeasureByLocalCanny(start.dot);
-    // What lies beyond a narrow rim, or shines on the dot, draws the moments aside.
-    if (!edge) edge = MeasureByLocalCanny(start.cut_out);
+    const auto edge = MeasureUnclearAt(start);
     if (edge) dots.push_back({*edge, start.region});
   }
   return dots;

@@ -6,6 +6,7 @@
 
 #include "videogrammetry/recognition/camera_model.h"
 #include "videogrammetry/recognition/dot_fit.h"
+#include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/options.h"
 #include "videogrammetry/recognition/target_edge.h"
@@ -59,6 +60,7 @@ class EdgePairRecognition {
   struct Start {
     DotStart dot;
     DotStart cut_out;  ///< as the area has it, its moments not yet those of grey values
+    FlareSample flare;
     int region = 0;
   };
 
@@ -67,6 +69,8 @@ class EdgePairRecognition {
   std::optional<PictureModel> Learn(const std::vector<Start>& starts);
   std::optional<TargetEdge> MeasureByModel(const Start& start);
   std::optional<TargetEdge> MeasureByLocalCanny(const DotStart& dot);
+  std::optional<TargetEdge> MeasureUnclearAt(const Start& start);
+  double blur_px() const { return picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx; }
   bool HasSize(const Ellipse& ellipse) const;
 
   const RecognitionOptions& options_;

@@ -19,9 +19,6 @@ using Parameters = Eigen::Matrix<double, kNumParameters, 1>;
 using Normal = Eigen::Matrix<double, kNumParameters, kNumParameters>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 
-/// Prior standard deviation of a gradient on the darker side beyond its share of
-/// the light's, in units of the contrast.
-constexpr double kPriorFlare = 0.004;
 /// The part of glare that is curved over the dot and so not described.
 constexpr double kGlareCurve = 0.7;
 /// The window: widths of the edge and pixels of plateau beyond on either side.
@@ -154,9 +151,10 @@ void Fit::SetPriors(const TargetEdge& start) {
   const int dark = inside_brighter ? kOutside : kInside;
   const double ratio =
       inside_brighter ? start.outside / start.inside : start.inside / start.outside;
-  const double light = light_ =
-      std::hypot((picture_ ? *picture_ : PictureModel{}).gradient * contrast, glare);
-  const double flare = std::hypot(kPriorFlare * contrast, glare);
+  const PictureModel common = picture_ ? *picture_ : PictureModel{};
+  const double light = light_ = std::hypot(common.gradient * contrast, glare);
+  // of the darker side beyond its share of the light
+  const double flare = std::hypot(common.flare * contrast, glare);
   for (int i = 1; i <= 2; ++i) {
     prior_(bright + i, bright + i) += 1.0 / (light * light);
     Parameters difference = Parameters::Zero();  // of the darker side from its share of the light

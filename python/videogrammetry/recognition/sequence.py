@@ -195,18 +195,24 @@ def _of_arrays(
     tell: Callable[[int, int], None],
 ) -> list[dict[str, Any]]:
     """Runs of frames, the threads within the core."""
-    parts = []
+    parts: list[dict[str, Any]] = []
     done = 0
     while done < len(numbers):
         size = max(1, math.prod(_shape(frames[numbers[done]])))
         run = numbers[done : done + num_threads * max(_LEAST_RUN, _RUN_PX // size)]
-        checked = _checked_run(frames, run)
-        for part in [checked] if rule.camera is None else same_depth_runs(checked):
-            model = rule.core_for(part[0])
-            parts.append(recognizer.recognize_frames(part, num_threads, model))
+        parts += _of_run(_checked_run(frames, run), recognizer, rule, num_threads)
         done += len(run)
         tell(done, len(numbers))
     return parts
+
+
+def _of_run(
+    frames: list[CoreFrame], recognizer: _core.Recognizer, rule: CameraRule, num_threads: int
+) -> list[dict[str, Any]]:
+    one_rule = [frames] if rule.camera is None else same_depth_runs(frames)
+    return [
+        recognizer.recognize_frames(part, num_threads, rule.core_for(part[0])) for part in one_rule
+    ]
 
 
 def _checked_run(frames: Any, run: range) -> list[CoreFrame]:

@@ -110,6 +110,10 @@ class CameraModel:
             )
         return cls(**values)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What the core made of it stays here when it goes to another process.
+        return CameraModel.from_dict, (self.to_dict(),)
+
     @cached_property
     def core(self) -> _core.CameraModel:
         """The model as the C++ core takes it."""

@@ -91,6 +91,9 @@ class PackedFrame:
     def __len__(self) -> int:
         return self.shape[0]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PackedFrame, (self.data, self.shape, self.order)
+
     def __repr__(self) -> str:
         return f"PackedFrame({self.shape[0]} x {self.shape[1]}, {self.order})"
 

@@ -1,8 +1,10 @@
 """What is learned of a camera: once, the same by any way, and handed on."""
 
+import copy
 import dataclasses
 import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -224,6 +226,9 @@ def test_it_goes_through_files():
     # As attributes of HDF5 come back.
     stored = {name: np.asarray(value)[()] for name, value in values.items()}
     assert CameraModel.from_dict(stored) == model
+    recognize(film(1)[0], FAST, camera=model)
+    for copied in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
+        assert copied == model
     assert hash(model) == hash(CameraModel.from_dict(values))
     with pytest.raises(ValueError, match=r"camera model: .*missing: blur_px, unknown: blurr_px"):
         CameraModel.from_dict(

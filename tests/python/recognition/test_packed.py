@@ -2,6 +2,7 @@
 
 import dataclasses
 import mmap
+import pickle
 import threading
 import tracemalloc
 from pathlib import Path
@@ -167,6 +168,12 @@ def test_the_bytes_are_kept_alive():
     core = given.core
     del given
     np.testing.assert_array_equal(core.unpack(), frame)
+
+
+def test_it_goes_to_other_processes():
+    frame = film(1)[0]
+    given = pickle.loads(pickle.dumps(packed(frame, "low-first")))
+    np.testing.assert_array_equal(given, frame)
 
 
 def test_it_can_be_shown_as_an_array():

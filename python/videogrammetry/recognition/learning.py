@@ -98,10 +98,10 @@ def learn_camera(
     --------
     >>> y, x = np.mgrid[:60, :80]
     >>> distance = np.hypot(x - 40.3, y - 30.5)
-    >>> image = np.uint8(20 + 200 * np.clip(10.5 - distance, 0, 1))
+    >>> image = np.uint8(20 + 200 / (1 + np.exp(2 * (distance - 10.5))))
     >>> model = learn_camera(image, RecognitionOptions(method="edge-pair"))
     >>> round(model.blur_px, 1)
-    0.3
+    0.8
     """
     options = options or RecognitionOptions()
     recognizer = core_recognizer(options)

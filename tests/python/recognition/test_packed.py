@@ -12,6 +12,7 @@ import pytest
 import recognition_scenes as scenes
 
 from videogrammetry.errors import SequenceError
+from videogrammetry.pipeline.frames import read_and_recognize
 from videogrammetry.recognition import (
     PackedFrame,
     RecognitionOptions,
@@ -135,6 +136,14 @@ def test_a_source_is_not_read_where_its_frames_stand_packed():
     # The paper's way has to unpack, which the source does best.
     recognize_sequence(source, RecognitionOptions(method="local-canny"))
     assert (source.reads, source.asked) == (6, 6)
+
+
+def test_the_pipeline_takes_frames_where_they_stand():
+    source = PackedSource(film(1))
+    for options, reads in ((IN_PLACE, 0), (RecognitionOptions(method="local-canny"), 1)):
+        found = read_and_recognize(source, 0, options)
+        assert_same(found, recognize(source.frames[0], options))
+        assert (source.reads, source.asked) == (reads, 1)
 
 
 def test_a_source_may_have_no_packed_frame():

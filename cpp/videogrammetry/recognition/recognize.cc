@@ -94,9 +94,8 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
                                          std::optional<CameraModel>* learned) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
   EdgePairRecognition recognition(frame, options);
-  const int threshold = camera && camera->gradient_threshold > 0
-                            ? camera->gradient_threshold
-                            : GradientThreshold(SampleGreyStatistics(frame));
+  const int threshold =
+      camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
   const auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold);
   std::vector<Target> targets;
   std::vector<int> regions;

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
@@ -18,9 +19,6 @@ using Parameters = Eigen::Matrix<double, kNumParameters, 1>;
 using Normal = Eigen::Matrix<double, kNumParameters, kNumParameters>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 
-/// Prior standard deviation of a gradient on the darker side beyond its share of
-/// the light's, in units of the contrast.
-constexpr double kPriorFlare = 0.004;
 /// The part of glare that is curved over the dot and so not described.
 constexpr double kGlareCurve = 0.7;
 /// The window: widths of the edge and pixels of plateau beyond on either side.
@@ -34,6 +32,9 @@ constexpr double kHuber = 4.0;
 /// Share of the step in the grey values beyond which a pixel is of a plateau.
 constexpr double kPlateau = 0.95;
 constexpr int kLeastPlateauPixels = 6;
+/// The ground ends where it is brighter by this part of the contrast: mean of the pixels
+/// in a band of half a pixel around the dot.
+constexpr double kGroundRise = 0.1, kBandPx = 0.5;
 /// A fit that leaves the start by more than this has found something else.
 constexpr double kMostMovedPx = 0.3, kMostResizedPx = 0.6;
 constexpr double kLeastBlurPx = 0.3, kMostBlurPx = 3.0;
@@ -90,6 +91,7 @@ Edge EdgeAt(double distance, double curvature, double box_kurtosis, double s) {
 struct Pixel {
   Eigen::Vector2d at, v;
   double grey = 0.0;
+  double outward = 0.0;  ///< of the contour that the fit began with
 };
 
 /// The fit in its current state.
@@ -104,6 +106,7 @@ class Fit {
  private:
   template <typename T>
   void CollectPixels(const SignedImage<T>& image);
+  void EndGround();
   void SetPriors(const TargetEdge& start);
   void Linearise();
   void WeighAndSum();
@@ -148,9 +151,10 @@ void Fit::SetPriors(const TargetEdge& start) {
   const int dark = inside_brighter ? kOutside : kInside;
   const double ratio =
       inside_brighter ? start.outside / start.inside : start.inside / start.outside;
-  const double light = light_ =
-      std::hypot((picture_ ? *picture_ : PictureModel{}).gradient * contrast, glare);
-  const double flare = std::hypot(kPriorFlare * contrast, glare);
+  const PictureModel common = picture_ ? *picture_ : PictureModel{};
+  const double light = light_ = std::hypot(common.gradient * contrast, glare);
+  // of the darker side beyond its share of the light
+  const double flare = std::hypot(common.flare * contrast, glare);
   for (int i = 1; i <= 2; ++i) {
     prior_(bright + i, bright + i) += 1.0 / (light * light);
     Parameters difference = Parameters::Zero();  // of the darker side from its share of the light
@@ -189,15 +193,42 @@ void Fit::CollectPixels(const SignedImage<T>& image) {
       const double free = (frame_.shape * n).norm() - kRingReach * s;
       const double most = std::min(reach, std::max(kLeastOutside * s, free));
       if (outward > most || (radius < 1.0 && -outward > reach)) continue;
-      pixels_.push_back({p, v, static_cast<double>(image(x, y))});
+      pixels_.push_back({p, v, static_cast<double>(image(x, y)), outward});
     }
   }
+  EndGround();
   const auto n = static_cast<Eigen::Index>(pixels_.size());
   rows_.resize(n, kNumParameters);
   residuals_.resize(n);
   share_.resize(n);
   variance_.resize(n);
   weight_.resize(n);
+}
+
+/// Leaves out what lies beyond a narrow ground: a rim around the dot on something
+/// brighter, whose edge is felt as far before it as a ring's.
+void Fit::EndGround() {
+  const double s = values_[kBlur], first = kLeastOutside * s;
+  constexpr std::size_t kBands = 32;
+  std::array<double, kBands> sum = {}, count = {};
+  for (const Pixel& pixel : pixels_) {
+    const double band = std::floor((pixel.outward - first) / kBandPx) + 1.0;
+    if (band < 0.0 || band >= static_cast<double>(kBands)) continue;
+    sum[static_cast<std::size_t>(band)] += pixel.grey;
+    count[static_cast<std::size_t>(band)] += 1.0;
+  }
+  const double rise = kGroundRise * (values_[kInside] - values_[kOutside]);
+  double darkest = 1e300;
+  for (std::size_t band = 0; band < kBands && count[band] > 0.0; ++band) {
+    const double mean = sum[band] / count[band];
+    darkest = std::min(darkest, mean);
+    if (mean < darkest + rise) continue;
+    // The rise is half-way no nearer than here, and felt before it.
+    const double end = first + (static_cast<double>(band) - 0.5) * kBandPx;
+    const double most = std::max(first, end - s);
+    std::erase_if(pixels_, [&](const Pixel& pixel) { return pixel.outward > most; });
+    return;
+  }
 }
 
 void Fit::Linearise() {

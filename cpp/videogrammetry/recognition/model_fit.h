@@ -27,6 +27,8 @@ struct PictureModel {
   double blur_sigma_px = 0.0;  ///< how much it differs from dot to dot
   /// Standard deviation of what light changes over a radius, in units of the contrast.
   double gradient = 0.02;
+  /// The same of light that is added on the darker side of the edge.
+  double flare = 0.004;
 };
 
 /// A dot's grey values, fitted.

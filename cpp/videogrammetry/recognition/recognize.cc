@@ -1,8 +1,9 @@
 #include "videogrammetry/recognition/recognize.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
-#include <numeric>
 #include <type_traits>
 
 #include "videogrammetry/core/thread_pool.h"
@@ -17,21 +18,19 @@
 namespace videogrammetry {
 namespace {
 
-/// Reads the rings of targets from `first` on.
 void ReadRings(const FrameView& frame, int sign, const CodeFamily& family,
-               ReadingDirection direction, std::vector<Target>* targets, std::size_t first = 0) {
+               ReadingDirection direction, std::vector<Target>* targets) {
   if (family.num_bits == 0) return;
   WindowReader reader(frame, sign);
-  for (std::size_t i = first; i < targets->size(); ++i) {
-    Target& target = (*targets)[i];
+  for (Target& target : *targets) {
     const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
     target.ring = ReadRing(window, target.edge, family, direction);
   }
 }
 
-void SelectByRings(const CodeFamily& family, std::vector<Target>* targets) {
+void SelectByRings(const CodeFamily& family, const FrameView& frame, std::vector<Target>* targets) {
   if (family.num_bits == 0) return;
-  RemoveRingPieces(family, targets);
+  RemoveRingPieces(family, FrameWidth(frame), FrameHeight(frame), targets);
   ResolveDuplicates(targets);
 }
 
@@ -50,7 +49,7 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   const SignedImage<T> picture(image, sign);
   const int threshold = GradientThreshold(MeasureGreyStatistics(image));
   std::vector<Target> targets;
-  PlaceIndex index;
+  PlaceIndex index(image.width(), image.height());
   for (const Candidate& candidate : FindCandidates(picture, options, threshold)) {
     if (IsKnown(candidate.ellipse, targets, index)) continue;
     const auto edge = MeasureTargetEdge(picture, candidate, options);
@@ -59,60 +58,87 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
     targets.push_back({*edge, {}});
   }
   ReadRings(image, sign, family, options.direction, &targets);
-  SelectByRings(family, &targets);
+  SelectByRings(family, image, &targets);
   if (options.estimator == Estimator::kModel) RefineByModel(picture, EdgesOf(&targets));
   return targets;
 }
 
-/// Appends dots that are not known yet.
-void Append(const std::vector<DotMeasurement>& dots, PlaceIndex* index,
-            std::vector<Target>* targets, std::vector<int>* regions) {
-  for (const DotMeasurement& dot : dots) {
-    const Ellipse& e = dot.edge.ellipse;
-    if (IsKnown(e, *targets, *index)) continue;
-    index->Insert(e.x_px, e.y_px, static_cast<int>(targets->size()));
-    targets->push_back({dot.edge, {}});
-    regions->push_back(dot.region);
+/// The second search: threshold over the first one's, and least diameter. Texture breaks a
+/// chord in proportion to its length: dots below are as well found by the first.
+constexpr int kSecondThreshold = 3;
+constexpr double kSecondDiameterPx = 8.0;
+
+/// Areas of both searches; those of the second begin at `second`.
+struct DotAreas {
+  std::vector<DotRegion> regions;
+  std::size_t second = 0;
+};
+
+/// A chord ends at the nearest edge beyond the threshold, so texture, compression or a
+/// gleam inside a dot of high contrast breaks its chords where the threshold follows faint
+/// edges. A second search at a higher threshold does not see them.
+DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
+                      int second_threshold, const std::vector<SearchWindow>& windows) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  DotAreas areas;
+  areas.regions = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
+  areas.second = areas.regions.size();
+  const double least = std::max(options.diameter_px[0], kSecondDiameterPx);
+  if (second_threshold == 0 || least >= options.diameter_px[1]) return areas;
+  PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
+  for (std::size_t i = 0; i < areas.second; ++i) {
+    const ContourMoments& m = areas.regions[i].moments;
+    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
   }
+  const std::array<double, 2> diameters = {least, options.diameter_px[1]};
+  for (const DotRegion& area : FindDotRegions(frame, sign, diameters, second_threshold, windows)) {
+    const ContourMoments& m = area.moments;
+    // At another threshold a level moves a border by half a pixel.
+    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
+      const ContourMoments& other = areas.regions[static_cast<std::size_t>(number)].moments;
+      return std::abs(m.width_px - other.width_px) <= 2 &&
+             std::abs(m.height_px - other.height_px) <= 2;
+    });
+    if (!known) areas.regions.push_back(area);
+  }
+  return areas;
 }
 
-/// The targets in the order of their areas.
-std::vector<Target> InOrder(const std::vector<Target>& targets, const std::vector<int>& regions) {
-  std::vector<std::size_t> order(targets.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::sort(order.begin(), order.end(),
-            [&](std::size_t a, std::size_t b) { return regions[a] < regions[b]; });
-  std::vector<Target> sorted;
-  sorted.reserve(targets.size());
-  for (const std::size_t i : order) sorted.push_back(targets[i]);
-  return sorted;
+/// Whether a target is where an area of the second search was.
+bool NeedsSecondSearch(const DotAreas& areas, const std::vector<Target>& targets) {
+  for (std::size_t i = areas.second; i < areas.regions.size(); ++i) {
+    const ContourMoments& m = areas.regions[i].moments;
+    for (const Target& target : targets) {
+      const Ellipse& e = target.edge.ellipse;
+      if (std::hypot(e.x_px - m.mean_x, e.y_px - m.mean_y) < 0.5 * e.semi_minor_px) return true;
+    }
+  }
+  return false;
 }
 
-/// The fast way. What it learned of the camera goes to `learned`, if that is not null.
+/// The fast way, in parts of the picture. What it learned of the camera goes to `learned`,
+/// if that is not null.
 std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const RecognitionOptions& options,
                                          const CodeFamily& family, const CameraModel* camera,
+                                         const std::vector<SearchWindow>& windows,
                                          std::optional<CameraModel>* learned) {
-  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
-  EdgePairRecognition recognition(frame, options);
-  const int threshold =
+  if (FrameWidth(frame) < 3 || FrameHeight(frame) < 3) return {};
+  const int first =
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
-  const auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold);
-  std::vector<Target> targets;
-  std::vector<int> regions;
-  PlaceIndex index;
-  Append(recognition.MeasureClear(areas, camera), &index, &targets, &regions);
-  ReadRings(frame, sign, family, options.direction, &targets);
-  // Sectors of rings that have been read need no second look.
-  const RingPlaces rings(family, targets);
-  const std::size_t clear = targets.size();
-  Append(recognition.MeasureUnclear(
-             [&](const Ellipse& dot) { return rings.Holds(dot) || IsKnown(dot, targets, index); }),
-         &index, &targets, &regions);
-  ReadRings(frame, sign, family, options.direction, &targets, clear);
-  targets = InOrder(targets, regions);
-  SelectByRings(family, &targets);
-  if (learned && recognition.picture()) *learned = CameraModel{threshold, *recognition.picture()};
+  const int second = camera ? camera->second_threshold : kSecondThreshold * first;
+  const DotAreas areas = FindDotAreas(frame, options, first, second, windows);
+  EdgePairRecognition recognition(frame, options, family);
+  std::vector<Target> targets = recognition.Measure(areas.regions, camera);
+  SelectByRings(family, frame, &targets);
+  if (learned && recognition.picture()) {
+    const bool both = NeedsSecondSearch(areas, targets);
+    *learned = CameraModel{first, both ? second : 0, *recognition.picture()};
+  }
   return targets;
+}
+
+std::vector<SearchWindow> WholeFrame(const FrameView& frame) {
+  return {{0, 0, FrameWidth(frame) - 1, FrameHeight(frame) - 1}};
 }
 
 std::vector<std::uint16_t> Unpacked(const Packed12View& image) {
@@ -132,7 +158,7 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
                                    std::optional<CameraModel>* learned = nullptr) {
   std::vector<Target> targets;
   if (options.method == kEdgePair) {
-    targets = RecognizeByEdgePairs(frame, options, family, camera, learned);
+    targets = RecognizeByEdgePairs(frame, options, family, camera, WholeFrame(frame), learned);
   } else {
     targets = std::visit(
         [&](const auto& image) {

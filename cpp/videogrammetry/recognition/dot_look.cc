@@ -1,0 +1,195 @@
+#include "videogrammetry/recognition/dot_look.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+namespace videogrammetry {
+namespace {
+
+/// Part of the contrast at which a dot is cut out anew.
+constexpr double kLowLevel = 0.2;
+constexpr double kDeep = 0.6;  ///< inner places, in minor axes from the contour
+
+constexpr int kPlaces = 16;
+
+const std::array<Eigen::Vector2d, kPlaces>& Directions() {
+  static const auto directions = [] {
+    std::array<Eigen::Vector2d, kPlaces> u;
+    for (int i = 0; i < kPlaces; ++i) {
+      const double t = 2 * std::numbers::pi * i / kPlaces;
+      u[static_cast<std::size_t>(i)] = {std::cos(t), std::sin(t)};
+    }
+    return u;
+  }();
+  return directions;
+}
+
+/// Grey values at some distance from the ellipse, in the directions of its normals.
+using Around = std::array<float, kPlaces>;
+
+/// @return false if the window ends before.
+bool SampleAround(const GreyWindow& window, const EllipseFrame& frame, double distance_px,
+                  Around* grey) {
+  const Eigen::Matrix2d& e = frame.shape;
+  Around x, y;
+  for (std::size_t k = 0; k < kPlaces; ++k) {
+    const Eigen::Vector2d& u = Directions()[k];
+    Eigen::Vector2d normal(e(1, 1) * u.x() - e(0, 1) * u.y(), e(0, 0) * u.y() - e(0, 1) * u.x());
+    const Eigen::Vector2d p = frame.center + e * u + distance_px / normal.norm() * normal;
+    if (!window.Covers(p.x(), p.y())) return false;
+    x[k] = static_cast<float>(p.x());
+    y[k] = static_cast<float>(p.y());
+  }
+  window.Sample(x.data(), y.data(), kPlaces, grey->data());
+  return true;
+}
+
+float Median(Around grey) {
+  std::nth_element(grey.begin(), grey.begin() + kPlaces / 2, grey.end());
+  return grey[kPlaces / 2];
+}
+
+/// Amplitude of the first harmonic around the dot.
+Eigen::Vector2d FirstHarmonic(const Around& grey) {
+  Eigen::Vector2d sum(0.0, 0.0);
+  for (std::size_t k = 0; k < kPlaces; ++k) {
+    sum += static_cast<double>(grey[k]) * Directions()[k];
+  }
+  return 2.0 / kPlaces * sum;
+}
+
+/// Variance of what differs from place to place: of second differences, a sixth.
+double NoiseAround(const Around& grey) {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < kPlaces; ++k) {
+    const auto difference = static_cast<double>(grey[(k + kPlaces - 1) % kPlaces] - 2.0f * grey[k] +
+                                                grey[(k + 1) % kPlaces]);
+    sum += difference * difference;
+  }
+  return sum / (6.0 * kPlaces);
+}
+
+FlareSample SampleFlare(const Around& deep, const Around& far, const DotStart& dot, double far_px) {
+  const double radius = std::sqrt(dot.frame.shape.determinant());
+  // Gradients over a radius: the harmonics over the places' distances from the middle.
+  const double inner = 1.0 - kDeep, outer = 1.0 + far_px / radius;
+  const Eigen::Vector2d inside = FirstHarmonic(deep) / inner, outside = FirstHarmonic(far) / outer;
+  const bool bright_inside = std::abs(dot.inside) >= std::abs(dot.outside);
+  const double share = bright_inside ? dot.outside / dot.inside : dot.inside / dot.outside;
+  const Eigen::Vector2d flare = bright_inside ? outside - share * inside : inside - share * outside;
+  const double inside_noise = NoiseAround(deep) / (inner * inner);
+  const double outside_noise = NoiseAround(far) / (outer * outer);
+  const double noise = bright_inside ? outside_noise + share * share * inside_noise
+                                     : inside_noise + share * share * outside_noise;
+  const double contrast = dot.inside - dot.outside, unit = 1.0 / (contrast * contrast);
+  return {unit * flare.squaredNorm(), unit * noise * 2.0 / kPlaces};
+}
+
+/// Pixels of a window at or above a level that hang together with its (x, y).
+class Flood {
+ public:
+  explicit Flood(const GreyWindow& window)
+      : window_(window),
+        seen_(static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height)) {}
+
+  /// @return nullopt if they reach the window's border or are none.
+  std::optional<EllipseFrame> From(int x, int y, float level) {
+    level_ = level;
+    Visit(x, y);
+    double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0, syy = 0.0;
+    while (!open_.empty()) {
+      const auto [px, py] = open_.back();
+      open_.pop_back();
+      const int right = window_.x0 + window_.width - 1, bottom = window_.y0 + window_.height - 1;
+      if (px == window_.x0 || py == window_.y0 || px == right || py == bottom) return std::nullopt;
+      const double dx = px - x, dy = py - y;
+      n += 1.0;
+      sx += dx;
+      sy += dy;
+      sxx += dx * dx;
+      sxy += dx * dy;
+      syy += dy * dy;
+      Visit(px - 1, py);
+      Visit(px + 1, py);
+      Visit(px, py - 1);
+      Visit(px, py + 1);
+    }
+    if (n < 1.0) return std::nullopt;
+    const double mx = sx / n, my = sy / n, box = 1.0 / 12.0;
+    const auto shape =
+        ShapeOfMoments(sxx / n - mx * mx + box, sxy / n - mx * my, syy / n - my * my + box);
+    if (!shape) return std::nullopt;
+    return EllipseFrame{{x + mx, y + my}, *shape};
+  }
+
+ private:
+  void Visit(int x, int y) {
+    char& seen =
+        seen_[static_cast<std::size_t>(y - window_.y0) * static_cast<std::size_t>(window_.width) +
+              static_cast<std::size_t>(x - window_.x0)];
+    if (seen != 0 || window_(x, y) < level_) return;
+    seen = 1;
+    open_.push_back({x, y});
+  }
+
+  const GreyWindow& window_;
+  float level_ = 0.0f;
+  std::vector<char> seen_;
+  std::vector<std::array<int, 2>> open_;
+};
+
+}  // namespace
+
+bool MeasureGrey(const GreyWindow& window, DotStart* dot, FlareSample* flare) {
+  constexpr int kMayFail = 1;
+  constexpr double kNearPx = 1.25, kFarPx = 2.25;
+  const Eigen::Matrix2d& e = dot->frame.shape;
+  // (not less than the minor axis)
+  const double minor = e.determinant() / std::max(e(0, 0), e(1, 1));
+  Around deep, in, out, far;
+  if (!SampleAround(window, dot->frame, kFarPx, &far) ||
+      !SampleAround(window, dot->frame, kNearPx, &out) ||
+      !SampleAround(window, dot->frame, -std::min(1.5, 0.6 * minor), &in) ||
+      !SampleAround(window, dot->frame, -kDeep * minor, &deep)) {
+    return false;
+  }
+  dot->inside = Median(deep);
+  // On a narrow dark rim the nearer one is the dot's ground.
+  dot->outside = std::min(Median(out), Median(far));
+  const auto least = static_cast<float>(0.25 * (dot->inside - dot->outside));
+  if (!(least > 0.0f)) return false;
+  int failed = 0;
+  for (std::size_t k = 0; k < kPlaces; ++k) failed += in[k] - out[k] < least;
+  if (failed > kMayFail) return false;
+  if (flare) *flare = SampleFlare(deep, far, *dot, kFarPx);
+  return true;
+}
+
+void Resize(double level, double blur_px, DotStart* dot) {
+  const double part = std::clamp((level - dot->outside) / (dot->inside - dot->outside), 0.05, 0.95);
+  const double inward = 0.59 * blur_px * std::log(part / (1.0 - part));
+  Eigen::Matrix2d& e = dot->frame.shape;
+  const double least = 0.5 * std::sqrt(std::max(0.0, e.determinant()));
+  if (e(0, 0) + inward < least || e(1, 1) + inward < least) return;
+  e(0, 0) += inward;
+  e(1, 1) += inward;
+}
+
+std::optional<DotStart> CutOutLow(const GreyWindow& window, const DotStart& dot, double blur_px) {
+  const auto level = static_cast<float>(dot.outside + kLowLevel * (dot.inside - dot.outside));
+  const int x = static_cast<int>(std::lround(dot.frame.center.x()));
+  const int y = static_cast<int>(std::lround(dot.frame.center.y()));
+  if (!window.Covers(x, y)) return std::nullopt;
+  const auto frame = Flood(window).From(x, y, level);
+  if (!frame) return std::nullopt;
+  DotStart low = {*frame, dot.inside, dot.outside};
+  Resize(static_cast<double>(level), blur_px, &low);
+  if (!MeasureGrey(window, &low)) return std::nullopt;
+  return low;
+}
+
+}  // namespace videogrammetry

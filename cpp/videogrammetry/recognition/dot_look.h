@@ -1,0 +1,36 @@
+#pragma once
+
+#include <optional>
+
+#include "videogrammetry/recognition/dot_fit.h"
+#include "videogrammetry/recognition/grey_window.h"
+
+namespace videogrammetry {
+
+/// Light that is added to one side of a dot's edge, in units of the contrast.
+struct FlareSample {
+  double square =
+      0.0;             ///< of the darker side's gradient over a radius, less its share of the light
+  double noise = 0.0;  ///< variance of either coordinate of that gradient
+};
+
+/// Grey values of a dot and its surroundings at sixteen places, whatever level it was
+/// cut out at: the medians 0.6 minor axes inside and 1.25 or 2.25 px outside, where it is
+/// darker (a dark rim may be narrow).
+///
+/// @param dot  its frame; its grey values are measured.
+/// @param flare  nullptr, or measured as well.
+/// @return false unless it is brighter inside than outside all around; one place may fail.
+bool MeasureGrey(const GreyWindow& window, DotStart* dot, FlareSample* flare = nullptr);
+
+/// The ellipse cut out at `level` as if cut at half height: of a blurred edge the part a is
+/// reached s times the normal distribution's quantile of a inside of it, or
+/// 0.59 s ln(a / (1 - a)).
+void Resize(double level, double blur_px, DotStart* dot);
+
+/// Cuts a dot out anew, at a fifth of the contrast: a gleam on a part of it makes the rest
+/// darker than half-way.
+/// @return nullopt if that is not closed within the window.
+std::optional<DotStart> CutOutLow(const GreyWindow& window, const DotStart& dot, double blur_px);
+
+}  // namespace videogrammetry

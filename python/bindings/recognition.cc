@@ -157,11 +157,12 @@ std::optional<CameraModel> Learn(const Recognizer& recognizer, const py::object&
   return recognizer.Learn(view);
 }
 
-CameraModel MakeCamera(int gradient_threshold, double blur_px, double blur_sigma_px,
-                       double noise_at_zero, double noise_per_grey, double noise_least,
-                       double light_gradient) {
+CameraModel MakeCamera(int gradient_threshold, int second_threshold, double blur_px,
+                       double blur_sigma_px, double noise_at_zero, double noise_per_grey,
+                       double noise_least, double light_gradient) {
   CameraModel camera;
   camera.gradient_threshold = gradient_threshold;
+  camera.second_threshold = second_threshold;
   camera.picture.blur_px = blur_px;
   camera.picture.blur_sigma_px = blur_sigma_px;
   camera.picture.noise = {noise_at_zero, noise_per_grey, noise_least};
@@ -251,10 +252,11 @@ void BindRecognition(py::module_& parent) {
   m.def("code_family_names", &CodeFamilyNames);
   m.def("named_code_family", &NamedCodeFamily, "name"_a);
   py::class_<CameraModel>(m, "CameraModel")
-      .def(py::init(&MakeCamera), py::kw_only(), "gradient_threshold"_a, "blur_px"_a,
-           "blur_sigma_px"_a, "noise_at_zero"_a, "noise_per_grey"_a, "noise_least"_a,
+      .def(py::init(&MakeCamera), py::kw_only(), "gradient_threshold"_a, "second_threshold"_a,
+           "blur_px"_a, "blur_sigma_px"_a, "noise_at_zero"_a, "noise_per_grey"_a, "noise_least"_a,
            "light_gradient"_a)
       .def_readonly("gradient_threshold", &CameraModel::gradient_threshold)
+      .def_readonly("second_threshold", &CameraModel::second_threshold)
       .def_property_readonly("blur_px", [](const CameraModel& c) { return c.picture.blur_px; })
       .def_property_readonly("blur_sigma_px",
                              [](const CameraModel& c) { return c.picture.blur_sigma_px; })

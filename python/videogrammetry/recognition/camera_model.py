@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,8 +32,9 @@ class CameraModel:
 
     Attributes
     ----------
-    gradient_threshold : of the search, on \\|I(x+1) - I(x-1)\\| in grey values, 0 to
-        65535; 0: of each picture.
+    gradient_threshold : of the search, on \\|I(x+1) - I(x-1)\\| in grey values; 1 to 65535.
+    second_threshold : of a second search, for dots whose own texture breaks the first
+        one's chords; 0 to 65535, 0: there were none.
     blur_px : standard deviation of the blur, the pixel's extent included; 0 < b <= 100.
     blur_sigma_px : how much it differs from dot to dot and picture to picture;
         0 < s <= 100.
@@ -64,19 +66,17 @@ class CameraModel:
     noise_per_grey: float
     noise_least: float
     light_gradient: float
+    second_threshold: int = 0
 
     def __post_init__(self) -> None:
-        threshold = self.gradient_threshold
-        try:
-            whole = None if isinstance(threshold, bool) else operator.index(threshold)
-        except TypeError:
-            whole = None
-        if whole is None or not 0 <= whole <= _MOST_GREY:
-            raise ValueError(
-                f"gradient_threshold: expected a whole number from 0 to {_MOST_GREY}, "
-                f"got {threshold!r}"
-            )
-        object.__setattr__(self, "gradient_threshold", whole)
+        for name, least in (("gradient_threshold", 1), ("second_threshold", 0)):
+            whole = _whole_number(getattr(self, name))
+            if whole is None or not least <= whole <= _MOST_GREY:
+                raise ValueError(
+                    f"{name}: expected a whole number from {least} to {_MOST_GREY}, "
+                    f"got {getattr(self, name)!r}"
+                )
+            object.__setattr__(self, name, whole)
         for name, low, high in _RANGES:
             value = _number(name, getattr(self, name))
             if not low < value <= high:
@@ -101,7 +101,7 @@ class CameraModel:
         ValueError
             A name is missing or unknown, or a number is not what is expected.
         """
-        missing = [name for name in CAMERA_FIELDS if name not in values]
+        missing = [name for name in CAMERA_FIELDS[:-1] if name not in values]
         unknown = sorted(str(name) for name in values if name not in CAMERA_FIELDS)
         if missing or unknown:
             raise ValueError(
@@ -120,7 +120,7 @@ class CameraModel:
         return _core.CameraModel(**self.to_dict())
 
 
-#: The fields, in order.
+#: The fields, in order; the last one has a default.
 CAMERA_FIELDS = tuple(field.name for field in dataclasses.fields(CameraModel))
 
 #: Name, and what it must be more than and at most.
@@ -142,23 +142,32 @@ def from_core(model: _core.CameraModel) -> CameraModel:
 def pool_models(models: Sequence[CameraModel]) -> CameraModel | None:
     """One model of those of several pictures; None of none.
 
-    The medians of the numbers (of an even count the lower one's, for the
-    threshold). The blur's spread contains what it differs between the pictures,
-    their median absolute deviation: focus and motion change it.
+    The medians of the numbers, for thresholds the lower of the two in the middle.
+    The second search is made if any picture had need of it, at the median of those.
+    The blur's spread contains what it differs between the pictures, their median
+    absolute deviation: focus and motion change it.
     """
     if len(models) < 2:
         return models[0] if models else None
     median = {name: float(np.median([getattr(m, name) for m in models])) for name in CAMERA_FIELDS}
-    thresholds = sorted(m.gradient_threshold for m in models)
+    second = [m.second_threshold for m in models if m.second_threshold]
     off = np.abs(np.array([m.blur_px for m in models]) - median["blur_px"])
     between_px = _MAD_TO_SIGMA * float(np.median(off))
     return CameraModel.from_dict(
         {
             **median,
-            "gradient_threshold": thresholds[(len(models) - 1) // 2],
+            "gradient_threshold": statistics.median_low(m.gradient_threshold for m in models),
+            "second_threshold": statistics.median_low(second) if second else 0,
             "blur_sigma_px": math.hypot(median["blur_sigma_px"], between_px),
         }
     )
+
+
+def _whole_number(value: Any) -> int | None:
+    try:
+        return None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        return None
 
 
 def _number(name: str, value: Any) -> float:

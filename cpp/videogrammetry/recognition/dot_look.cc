@@ -12,6 +12,8 @@ namespace {
 
 /// Part of the contrast at which a dot is cut out anew.
 constexpr double kLowLevel = 0.2;
+/// Widths of the edge that a plateau keeps clear of, and the ground looked at beyond.
+constexpr double kEdge = 2.5, kGroundPx = 3.0;
 constexpr double kDeep = 0.6;  ///< inner places, in minor axes from the contour
 
 constexpr int kPlaces = 16;
@@ -53,41 +55,39 @@ float Median(Around grey) {
   return grey[kPlaces / 2];
 }
 
-/// Amplitude of the first harmonic around the dot.
-Eigen::Vector2d FirstHarmonic(const Around& grey) {
-  Eigen::Vector2d sum(0.0, 0.0);
-  for (std::size_t k = 0; k < kPlaces; ++k) {
-    sum += static_cast<double>(grey[k]) * Directions()[k];
+/// A plane through grey values: a + g . v.
+class Plane {
+ public:
+  void Add(const Eigen::Vector2d& v, double grey) {
+    const Eigen::Vector3d row(1.0, v.x(), v.y());
+    normal_ += row * row.transpose();
+    right_ += grey * row;
+    squares_ += grey * grey;
+    count_ += 1;
   }
-  return 2.0 / kPlaces * sum;
-}
-
-/// Variance of what differs from place to place: of second differences, a sixth.
-double NoiseAround(const Around& grey) {
-  double sum = 0.0;
-  for (std::size_t k = 0; k < kPlaces; ++k) {
-    const auto difference = static_cast<double>(grey[(k + kPlaces - 1) % kPlaces] - 2.0f * grey[k] +
-                                                grey[(k + 1) % kPlaces]);
-    sum += difference * difference;
+  /// @return false if the pixels are too few to tell.
+  bool Solve() {
+    if (count_ < kLeastPixels) return false;
+    const Eigen::Matrix3d inverse = normal_.inverse();
+    const Eigen::Vector3d x = inverse * right_;
+    const double variance = std::max(1.0 / 12.0, (squares_ - x.dot(right_)) / (count_ - 3));
+    level = x[0];
+    gradient = x.tail<2>();
+    noise = 0.5 * variance * (inverse(1, 1) + inverse(2, 2));
+    return true;
   }
-  return sum / (6.0 * kPlaces);
-}
 
-FlareSample SampleFlare(const Around& deep, const Around& far, const DotStart& dot, double far_px) {
-  const double radius = std::sqrt(dot.frame.shape.determinant());
-  // Gradients over a radius: the harmonics over the places' distances from the middle.
-  const double inner = 1.0 - kDeep, outer = 1.0 + far_px / radius;
-  const Eigen::Vector2d inside = FirstHarmonic(deep) / inner, outside = FirstHarmonic(far) / outer;
-  const bool bright_inside = std::abs(dot.inside) >= std::abs(dot.outside);
-  const double share = bright_inside ? dot.outside / dot.inside : dot.inside / dot.outside;
-  const Eigen::Vector2d flare = bright_inside ? outside - share * inside : inside - share * outside;
-  const double inside_noise = NoiseAround(deep) / (inner * inner);
-  const double outside_noise = NoiseAround(far) / (outer * outer);
-  const double noise = bright_inside ? outside_noise + share * share * inside_noise
-                                     : inside_noise + share * share * outside_noise;
-  const double contrast = dot.inside - dot.outside, unit = 1.0 / (contrast * contrast);
-  return {unit * flare.squaredNorm(), unit * noise * 2.0 / kPlaces};
-}
+  double level = 0.0;
+  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
+  double noise = 0.0;  ///< variance of the gradient's coordinates
+
+ private:
+  static constexpr int kLeastPixels = 24;
+  Eigen::Matrix3d normal_ = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right_ = Eigen::Vector3d::Zero();
+  double squares_ = 0.0;
+  int count_ = 0;
+};
 
 /// Pixels of a window at or above a level that hang together with its (x, y).
 class Flood {
@@ -144,7 +144,7 @@ class Flood {
 
 }  // namespace
 
-bool MeasureGrey(const GreyWindow& window, DotStart* dot, FlareSample* flare) {
+bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
   constexpr int kMayFail = 1;
   constexpr double kNearPx = 1.25, kFarPx = 2.25;
   const Eigen::Matrix2d& e = dot->frame.shape;
@@ -164,9 +164,7 @@ bool MeasureGrey(const GreyWindow& window, DotStart* dot, FlareSample* flare) {
   if (!(least > 0.0f)) return false;
   int failed = 0;
   for (std::size_t k = 0; k < kPlaces; ++k) failed += in[k] - out[k] < least;
-  if (failed > kMayFail) return false;
-  if (flare) *flare = SampleFlare(deep, far, *dot, kFarPx);
-  return true;
+  return failed <= kMayFail;
 }
 
 void Resize(double level, double blur_px, DotStart* dot) {
@@ -177,6 +175,31 @@ void Resize(double level, double blur_px, DotStart* dot) {
   if (e(0, 0) + inward < least || e(1, 1) + inward < least) return;
   e(0, 0) += inward;
   e(1, 1) += inward;
+}
+
+std::optional<FlareSample> MeasureFlare(const GreyWindow& window, const ModelFit& fit) {
+  const EllipseFrame frame = EllipseFrame::From(fit.ellipse);
+  const Eigen::Matrix2d inverse = frame.shape.inverse();
+  // A plateau is free of the edge, and of that of a ring a radius away, from 2.5 s on.
+  const double edge = kEdge * fit.blur_px / fit.ellipse.semi_minor_px;
+  const double ground = std::min(2.0 - edge, 1.0 + edge + kGroundPx / fit.ellipse.semi_minor_px);
+  Plane inside, outside;
+  for (int y = window.y0; y < window.y0 + window.height; ++y) {
+    for (int x = window.x0; x < window.x0 + window.width; ++x) {
+      const Eigen::Vector2d v = inverse * (Eigen::Vector2d(x, y) - frame.center);
+      const double radius = v.norm(), grey = static_cast<double>(window(x, y));
+      if (radius < 1.0 - edge) inside.Add(v, grey - fit.inside);
+      if (radius > 1.0 + edge && radius < ground) outside.Add(v, grey - fit.outside);
+    }
+  }
+  if (!inside.Solve() || !outside.Solve()) return std::nullopt;
+  const bool bright_inside = std::abs(fit.inside) >= std::abs(fit.outside);
+  const Plane& bright = bright_inside ? inside : outside;
+  const Plane& dark = bright_inside ? outside : inside;
+  const double share = bright_inside ? fit.outside / fit.inside : fit.inside / fit.outside;
+  const double contrast = fit.inside - fit.outside, unit = 1.0 / (contrast * contrast);
+  return FlareSample{unit * (dark.gradient - share * bright.gradient).squaredNorm(),
+                     unit * (dark.noise + share * share * bright.noise)};
 }
 
 std::optional<DotStart> CutOutLow(const GreyWindow& window, const DotStart& dot, double blur_px) {

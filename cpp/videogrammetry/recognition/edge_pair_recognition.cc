@@ -25,10 +25,12 @@ constexpr double kDot = 0.03;
 /// The least such part that the noise lets be seen, beyond which it says nothing: that of
 /// a contrast of eight times the noise.
 constexpr double kBlind = 0.07;
-/// Added light, in units of the contrast over a radius, from which on DotFitter's light,
-/// which multiplies, moves dots by more than it says: an edge of blur s moves by 1.25 s
-/// times it, 0.02 px.
-constexpr double kFlare = 0.015;
+/// A dot's error in units of blur times flare, light that is added on the darker side where
+/// DotFitter's multiplies: 1.25 for the half-way level, as much again for the light that the
+/// fit tilts to it. And the error from which on FitModel, which has flare, is worth its time.
+constexpr double kFlareLever = 2.5, kFlarePx = 0.01;
+/// What flare may be over its standard deviation: shadows and reflections have edges.
+constexpr double kFlareTails = 3.0;
 /// The second search: threshold over the first one's, and least diameter. Texture breaks
 /// a chord in proportion to its length: dots below are as well found by the first.
 constexpr int kSecondThreshold = 3;
@@ -69,17 +71,20 @@ bool IsClear(const ModelFit& fit, const GreyNoise& noise) {
   return excess * unit <= kDot * kDot && chance * unit <= kBlind * kBlind;
 }
 
-/// The flare that dots have in common: the median of a gradient's square is 2 ln 2 times
-/// the variance of a coordinate.
-double PoolFlare(std::vector<double> squares, std::vector<double> noise) {
-  const auto median = [](std::vector<double>* values) {
-    const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-    std::nth_element(values->begin(), middle, values->end());
-    return *middle;
-  };
-  if (squares.empty()) return 0.0;
-  const double variance = median(&squares) / (2.0 * std::numbers::ln2) - median(&noise);
-  return std::sqrt(std::max(0.0, variance));
+/// The flare that dots have in common beyond chance, or 0.
+double PoolFlare(const std::vector<FlareSample>& flares) {
+  // Twelve dots' squares over their variances scatter by 0.29 about 1; one dot's glare is
+  // not the picture's.
+  constexpr double kSignificant = 2.0, kMostSquares = 8.0;
+  if (flares.empty()) return 0.0;
+  double sum = 0.0, noise = 0.0;
+  for (const FlareSample& flare : flares) {
+    sum += std::min(kMostSquares, 0.5 * flare.square / flare.noise);
+    noise += flare.noise;
+  }
+  const auto count = static_cast<double>(flares.size());
+  const double ratio = sum / count;
+  return ratio > kSignificant ? std::sqrt((ratio - 1.0) * noise / count) : 0.0;
 }
 
 /// A window's samples as a picture of its own, so that every depth's are the same.
@@ -184,11 +189,10 @@ std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const Dot
   if (!shape) return std::nullopt;
   DotStart dot = {{{m.mean_x, m.mean_y}, *shape}, region.inside, region.outside};
   const GreyWindow window = WindowOf(dot.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
-  FlareSample flare;
-  if (!MeasureGrey(window, &dot, &flare)) return std::nullopt;
+  if (!MeasureGrey(window, &dot)) return std::nullopt;
   Resize(region.level(), blur_px, &dot);
   const auto begun = fitter_.Begin(window, dot, blur_px);
-  return Start{begun ? *begun : dot, dot, flare, 0};
+  return Start{begun ? *begun : dot, dot, 0};
 }
 
 std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>& starts) {
@@ -215,22 +219,20 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>&
   for (const Lesson& lesson : lessons) fits.push_back(lesson.fit);
   auto picture = PoolModels(fits);
   // How even the light is shows with the noise known only.
+  std::vector<FlareSample> flares;
   fits.clear();
   for (const Lesson& lesson : lessons) {
     const GreyWindow window = WindowOf(lesson.start->dot.frame, more);
     const auto fit = fitter_.Fit(window, lesson.start->dot, &*picture, true);
-    if (fit) fits.push_back(*fit);
+    if (!fit) continue;
+    fits.push_back(*fit);
+    if (const auto flare = MeasureFlare(window, *fit)) flares.push_back(*flare);
   }
   picture->gradient = PoolGradient(fits);
-  std::vector<double> squares, variances;
-  const double least = 0.5 * (fits.empty() ? 0.0 : fits[0].inside - fits[0].outside);
-  for (const Start& start : starts) {
-    if (start.dot.inside - start.dot.outside < least) continue;
-    squares.push_back(start.flare.square);
-    variances.push_back(start.flare.noise);
+  const double flare = PoolFlare(flares);
+  if (kFlareLever * picture->blur_px * flare > kFlarePx) {
+    picture->flare = kFlareTails * flare;
   }
-  const double flare = PoolFlare(squares, variances);
-  if (flare > kFlare) picture->flare = flare;
   return picture;
 }
 
@@ -253,7 +255,7 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start
   }
   if (!HasSize(fit->ellipse)) return std::nullopt;
   TargetEdge edge = EdgeOf(*fit, picture_->noise);
-  if (picture_->flare > kFlare) {
+  if (picture_->flare > PictureModel{}.flare) {
     const WindowPicture local(WindowOf(start.dot.frame, kUnclearReachPx), reader_.sign());
     local.Refine(&*picture_, &edge);
   }

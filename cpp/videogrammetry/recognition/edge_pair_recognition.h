@@ -60,7 +60,6 @@ class EdgePairRecognition {
   struct Start {
     DotStart dot;
     DotStart cut_out;  ///< as the area has it, its moments not yet those of grey values
-    FlareSample flare;
     int region = 0;
   };
 

@@ -58,6 +58,22 @@ void SetPoints(Network& n, const Indices& id, const Eigen::Ref<const Rows<3>>& p
   }
 }
 
+/// normal (N, 3) in the object's frame, radius_mm (N); radius 0 = no circle.
+void SetCircles(Network& n, const Eigen::Ref<const Rows<3>>& normal,
+                const Eigen::Ref<const Eigen::VectorXd>& radius_mm) {
+  if (normal.rows() != static_cast<Eigen::Index>(n.points.size()) ||
+      radius_mm.size() != normal.rows()) {
+    throw std::invalid_argument("circles: expected normal (N, 3) and radius_mm (N) for " +
+                                std::to_string(n.points.size()) + " points");
+  }
+  for (Eigen::Index i = 0; i < radius_mm.size(); ++i) {
+    NetworkPoint& p = n.points[static_cast<std::size_t>(i)];
+    p.normal = normal.row(i).transpose();
+    p.radius_mm = radius_mm[i];
+    if (p.radius_mm != 0) p.mark().Check(("circle of point " + std::to_string(p.id)).c_str());
+  }
+}
+
 void SetObservations(Network& n, const Indices& image, const Indices& point,
                      const Eigen::Ref<const Rows<2>>& xy_px,
                      const Eigen::Ref<const Rows<3>>& cov_px2, const std::vector<bool>& used) {
@@ -134,6 +150,7 @@ void BindNetwork(py::module_& m) {
       .def("add_pose", &AddPose, "name"_a, "rotation"_a, "translation_mm"_a, "free"_a)
       .def("add_image", &AddImage, "name"_a, "camera"_a, "outer"_a, "inner"_a)
       .def("set_points", &SetPoints, "id"_a, "position_mm"_a, "cov_mm2"_a, "kind"_a)
+      .def("set_circles", &SetCircles, "normal"_a, "radius_mm"_a)
       .def("set_observations", &SetObservations, "image"_a, "point"_a, "xy_px"_a, "cov_px2"_a,
            "used"_a)
       .def("set_pose",

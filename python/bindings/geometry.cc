@@ -6,6 +6,8 @@
 
 #include "bindings.h"
 #include "videogrammetry/geometry/camera.h"
+#include "videogrammetry/geometry/circle.h"
+#include "videogrammetry/geometry/circle_normal.h"
 #include "videogrammetry/geometry/conic.h"
 #include "videogrammetry/geometry/rig.h"
 
@@ -61,6 +63,60 @@ Rows<3> Rays(const Camera& camera, const Eigen::Ref<const Rows<2>>& pixels) {
   return rays;
 }
 
+Rows<2> EllipseCenters(const Camera& camera, const Eigen::Ref<const Rows<3>>& centers_in_cam,
+                       const Eigen::Ref<const Rows<3>>& normals,
+                       const Eigen::Ref<const Eigen::VectorXd>& diameter_mm) {
+  if (normals.rows() != centers_in_cam.rows() || diameter_mm.size() != centers_in_cam.rows()) {
+    throw std::invalid_argument("circles: expected as many normals and diameters as centres");
+  }
+  Rows<2> pixels(centers_in_cam.rows(), 2);
+  for (Eigen::Index i = 0; i < centers_in_cam.rows(); ++i) {
+    const Circle circle{centers_in_cam.row(i).transpose(), normals.row(i).transpose(),
+                        0.5 * diameter_mm[i]};
+    circle.Check(("circle " + std::to_string(i)).c_str());
+    const auto pixel = ProjectEllipseCenter(camera, circle);
+    pixels.row(i) = pixel ? pixel->transpose() : Eigen::RowVector2d(kNan, kNan);
+  }
+  return pixels;
+}
+
+/// Point i has the sightings offsets[i] ... offsets[i + 1]; ellipse (M, 5): centre,
+/// axes, angle; cov (M, 9) of axes and angle. NaN where there is no estimate.
+py::tuple EstimateNormals(const Rig& rig, const std::vector<std::int64_t>& offsets,
+                          const std::vector<int>& camera, const Eigen::Ref<const Rows<5>>& ellipse,
+                          const Eigen::Ref<const Rows<9>>& cov,
+                          const Eigen::Ref<const Rows<3>>& position_mm) {
+  const auto count = position_mm.rows();
+  if (static_cast<Eigen::Index>(offsets.size()) != count + 1 || offsets.front() != 0 ||
+      offsets.back() != ellipse.rows() || cov.rows() != ellipse.rows() ||
+      static_cast<Eigen::Index>(camera.size()) != ellipse.rows()) {
+    throw std::invalid_argument("ellipses: offsets, camera, ellipse, cov, position do not fit");
+  }
+  Rows<3> normal = Rows<3>::Constant(count, 3, kNan);
+  Rows<9> cov_normal = Rows<9>::Constant(count, 9, kNan);
+  Eigen::VectorXd diameter = Eigen::VectorXd::Constant(count, kNan);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    std::vector<EllipseSighting> sightings;
+    for (auto k = offsets[static_cast<std::size_t>(i)];
+         k < offsets[static_cast<std::size_t>(i) + 1]; ++k) {
+      const int index = camera[static_cast<std::size_t>(k)];
+      if (index < 0 || index >= static_cast<int>(rig.size())) {
+        throw std::invalid_argument("camera: index out of range");
+      }
+      const auto e = ellipse.row(k);
+      sightings.push_back({index,
+                           {e[0], e[1], e[2], e[3], e[4]},
+                           Eigen::Map<const Eigen::Matrix3d>(cov.row(k).data())});
+    }
+    const auto estimate = EstimateNormal(rig, sightings, position_mm.row(i).transpose());
+    if (!estimate) continue;
+    normal.row(i) = estimate->normal.transpose();
+    cov_normal.row(i) = Eigen::Map<const Eigen::Matrix<double, 1, 9>>(estimate->cov.data());
+    diameter[i] = 2 * estimate->radius_mm;
+  }
+  return py::make_tuple(normal, cov_normal, diameter);
+}
+
 }  // namespace
 
 void BindGeometry(py::module_& parent) {
@@ -91,6 +147,10 @@ void BindGeometry(py::module_& parent) {
         py::call_guard<py::gil_scoped_release>());
   m.def("project_with_jacobians", &ProjectWithJacobians, "camera"_a, "points_in_cam"_a);
   m.def("rays", &Rays, "camera"_a, "pixels"_a, py::call_guard<py::gil_scoped_release>());
+  m.def("ellipse_centers", &EllipseCenters, "camera"_a, "centers_in_cam"_a, "normals"_a,
+        "diameter_mm"_a);
+  m.def("estimate_normals", &EstimateNormals, "rig"_a, "offsets"_a, "camera"_a, "ellipse"_a,
+        "cov"_a, "position_mm"_a);
   m.def("rotation_from_vector", &RotationFromVector, "rotation_rad"_a);
   m.def("vector_from_rotation", &VectorFromRotation, "rotation"_a);
   m.def("nearest_rotation", &NearestRotation, "matrix"_a);

@@ -2,6 +2,9 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <string>
+
 #include "bindings.h"
 #include "videogrammetry/reconstruction/triangulate.h"
 
@@ -32,25 +35,50 @@ MatchArrays ViewOf(const Array<std::int64_t>& offsets, const Array<std::int32_t>
           cov_px2.data()};
 }
 
+/// The data of an array of `count` rows of `columns`, null where it has no rows.
+const double* RowsOrNull(const Array<double>& array, py::ssize_t count, py::ssize_t columns,
+                         const char* name) {
+  if (array.size() == 0) return nullptr;
+  if (array.size() != count * columns) {
+    throw std::invalid_argument(std::string(name) + ": expected (" + std::to_string(count) + ", " +
+                                std::to_string(columns) + ")");
+  }
+  return array.data();
+}
+
 py::dict TriangulateArrays(const Rig& rig, const Array<std::int64_t>& offsets,
                            const Array<std::int32_t>& camera, const Array<double>& xy_px,
                            const Array<double>& cov_px2, const Eigen::MatrixXd& cov_rig,
-                           const Eigen::MatrixXd& frame_by_parameters, int num_threads) {
+                           const Eigen::MatrixXd& frame_by_parameters, int num_threads,
+                           const Array<double>& diameter_mm, const Array<double>& ellipse,
+                           const Array<double>& ellipse_cov, const Array<double>& normal,
+                           const Array<double>& normal_cov, double thickness_mm) {
   const MatchArrays matches = ViewOf(offsets, camera, xy_px, cov_px2);
+  const auto p = std::max<py::ssize_t>(offsets.size() - 1, 0);
+  const auto m = static_cast<py::ssize_t>(camera.size());
+  const CircleArrays circles = {
+      RowsOrNull(diameter_mm, p, 1, "diameter_mm"), RowsOrNull(ellipse, m, 3, "ellipse"),
+      RowsOrNull(ellipse_cov, m, 9, "ellipse_cov"), RowsOrNull(normal, p, 3, "normal"),
+      RowsOrNull(normal_cov, p, 9, "normal_cov"),   thickness_mm};
   TriangulatedPoints points;
   {
     const py::gil_scoped_release release;
-    points = Triangulate(rig, matches, {cov_rig, frame_by_parameters}, {num_threads});
+    points = Triangulate(rig, matches, {cov_rig, frame_by_parameters}, {num_threads}, circles);
   }
-  const auto p = static_cast<py::ssize_t>(points.status.size());
-  const auto m = static_cast<py::ssize_t>(camera.size());
-  return py::dict("position_mm"_a = Shaped(points.position_mm, {p, 3}),
+  py::dict result("position_mm"_a = Shaped(points.position_mm, {p, 3}),
                   "cov_image_mm2"_a = Shaped(points.cov_image, {p, 3, 3}),
                   "cov_rig_mm2"_a = Shaped(points.cov_rig, {p, 3, 3}),
                   "chi2"_a = Shaped(points.chi2, {p}),
                   "convergence_rad"_a = Shaped(points.convergence_rad, {p}),
                   "residual_px"_a = Shaped(points.residual_px, {m, 2}),
                   "status"_a = Shaped(points.status, {p}));
+  if (!circles.empty()) {
+    result["normal"] = Shaped(points.normal, {p, 3});
+    result["cov_normal"] = Shaped(points.cov_normal, {p, 3, 3});
+    result["offset_px"] = Shaped(points.offset_px, {m, 2});
+    result["circle"] = Shaped(points.circle, {p});
+  }
+  return result;
 }
 
 py::array_t<double> PointDerivativeArray(const Rig& rig, const Array<std::int64_t>& offsets,
@@ -83,7 +111,9 @@ void BindReconstruction(py::module_& parent) {
   py::module_ m = parent.def_submodule("reconstruction");
   m.def("triangulate", &TriangulateArrays, "rig"_a, "offsets"_a.noconvert(), "camera"_a.noconvert(),
         "xy_px"_a.noconvert(), "cov_px2"_a.noconvert(), "cov_rig"_a, "frame_by_parameters"_a,
-        "num_threads"_a);
+        "num_threads"_a, "diameter_mm"_a.noconvert(), "ellipse"_a.noconvert(),
+        "ellipse_cov"_a.noconvert(), "normal"_a.noconvert(), "normal_cov"_a.noconvert(),
+        "thickness_mm"_a);
   m.def("point_derivatives", &PointDerivativeArray, "rig"_a, "offsets"_a.noconvert(),
         "camera"_a.noconvert(), "cov_px2"_a.noconvert(), "position_mm"_a.noconvert(),
         "frame_by_parameters"_a, "num_threads"_a);

@@ -283,6 +283,11 @@ class StagePoints:
     rms_px : (P,) RMS residual per coordinate. chi2 : (P,).
     convergence_rad : (P,) largest angle between two rays.
     residual_px : (P, C, 2) measured - adjusted, NaN where not seen.
+    normal, cov_normal : (P, 3), (P, 3, 3) of the targets' circles, towards the
+        cameras; None where nothing was asked of the circles.
+    eccentricity_px : (P,) the largest distance, over the cameras, from the
+        picture of the circle's centre to the ellipse's; NaN where the point is
+        not corrected for it, None where nothing was asked.
     """
 
     id: IntArray
@@ -294,6 +299,9 @@ class StagePoints:
     chi2: FloatArray
     convergence_rad: FloatArray
     residual_px: FloatArray
+    normal: FloatArray | None = None
+    cov_normal: FloatArray | None = None
+    eccentricity_px: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.id)

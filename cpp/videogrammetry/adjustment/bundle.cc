@@ -64,9 +64,13 @@ class PoseManifold : public ceres::Manifold {
 /// InteriorScale), [outer pose,] inner pose, point.
 class ImagePointCost : public ceres::CostFunction {
  public:
-  ImagePointCost(const Camera& camera, const NetworkObservation& o, const Eigen::Matrix2d& cov,
-                 bool has_outer)
-      : camera_(camera), scale_(InteriorScale(camera)), xy_px_(o.xy_px), has_outer_(has_outer) {
+  ImagePointCost(const Camera& camera, const NetworkObservation& o, const Circle& mark,
+                 const Eigen::Matrix2d& cov, bool has_outer)
+      : camera_(camera),
+        scale_(InteriorScale(camera)),
+        mark_(mark),
+        xy_px_(o.xy_px),
+        has_outer_(has_outer) {
     whiten_ = Eigen::Matrix2d::Identity();
     cov.llt().matrixL().solveInPlace(whiten_);
     set_num_residuals(2);
@@ -81,10 +85,11 @@ class ImagePointCost : public ceres::CostFunction {
     if (!(camera.f_px() > 0)) return false;
     const Rigid3 outer = has_outer_ ? PoseFrom(x[1]) : Rigid3();
     const int inner = has_outer_ ? 2 : 1;
-    const Eigen::Map<const Eigen::Vector3d> point(x[inner + 1]);
+    Circle mark = mark_;
+    mark.center_mm = As<Eigen::Vector3d>(x[inner + 1]);
     ImagePointJacobians j;
     const auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]),
-                                         point, jacobians != nullptr ? &j : nullptr);
+                                         mark, jacobians != nullptr ? &j : nullptr);
     if (!pixel) return false;
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
@@ -110,6 +115,7 @@ class ImagePointCost : public ceres::CostFunction {
 
   Camera camera_;
   InteriorVector scale_;
+  Circle mark_;  // its centre is an unknown
   Eigen::Vector2d xy_px_;
   Eigen::Matrix2d whiten_;
   bool has_outer_;
@@ -174,8 +180,8 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     if (!o.used) continue;
     const NetworkImage& image = network->images[o.image];
     const NetworkCamera& camera = network->cameras[image.camera];
-    if (!Project(camera.camera,
-                 network->CamFromObject(image) * network->points[o.point].position_mm)) {
+    const Circle mark = network->points[o.point].mark();
+    if (!PredictImagePoint(camera.camera, nullptr, network->CamFromObject(image), mark)) {
       o.used = false;
       continue;
     }
@@ -184,7 +190,8 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     x.push_back(blocks->pose[image.inner].data());
     x.push_back(blocks->point[o.point].data());
     problem->AddResidualBlock(
-        new ImagePointCost(camera.camera, o, network->TotalCov(o), image.outer >= 0), loss, x);
+        new ImagePointCost(camera.camera, o, mark, network->TotalCov(o), image.outer >= 0), loss,
+        x);
   }
 }
 

@@ -37,7 +37,7 @@ Dispersion::Row Dispersion::Linearise(int image_index, int point) const {
   ImagePointJacobians j;
   Row row;
   const auto pixel = PredictImagePoint(camera.camera, outer, network_.poses[image.inner].transform,
-                                       network_.points[point].position_mm, &j);
+                                       network_.points[point].mark(), &j);
   if (!pixel) return row;
   row.valid = true;
   row.pixel = *pixel;

@@ -45,6 +45,7 @@ void Network::Check() const {
   }
   for (const NetworkPoint& p : points) {
     Require(p.position_mm.allFinite(), "point " + std::to_string(p.id) + " is not finite");
+    if (p.radius_mm != 0) p.mark().Check(("Network: point " + std::to_string(p.id)).c_str());
     if (p.kind != PointKind::kWeighted) continue;
     Require(p.prior_mm.allFinite() && p.prior_cov_mm2.llt().info() == Eigen::Success,
             "point " + std::to_string(p.id) + ": its covariance is not positive definite");

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "videogrammetry/geometry/camera.h"
+#include "videogrammetry/geometry/circle.h"
 #include "videogrammetry/geometry/rigid3.h"
 
 namespace videogrammetry {
@@ -50,12 +51,19 @@ struct NetworkImage {
 enum class PointKind { kFixed, kWeighted, kFree };
 
 /// An object point; kWeighted points are observed with `prior_cov_mm2`.
+///
+/// Where `radius_mm` > 0 the point is the centre of a circle with the unit
+/// `normal`, both held, and what a picture measures is its ellipse's centre.
 struct NetworkPoint {
   int id = -1;
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   PointKind kind = PointKind::kFixed;
   Eigen::Vector3d prior_mm = Eigen::Vector3d::Zero();
   Eigen::Matrix3d prior_cov_mm2 = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  double radius_mm = 0.0;
+
+  Circle mark() const { return {position_mm, normal, radius_mm}; }
 };
 
 /// An image point of known identity, with the covariance of its measurement.
@@ -71,7 +79,8 @@ struct NetworkObservation {
 ///
 /// The functional model is the collinearity equation with the ten interior
 /// parameters of `Camera` (Hu et al. 2012, Eqs. 1-5): measured image point =
-/// Project(camera, cam_from_object * point) + residual.
+/// Project(camera, cam_from_object * point) + residual, of a circle
+/// ProjectEllipseCenter instead of Project, evaluated anew in every iteration.
 struct Network {
   std::vector<NetworkCamera> cameras;
   std::vector<NetworkPose> poses;

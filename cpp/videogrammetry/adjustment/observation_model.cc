@@ -10,13 +10,27 @@ Eigen::Matrix3d MinusCross(const Eigen::Vector3d& v) {
   return m;
 }
 
+/// Derivatives by the poses and the point, from those by the point in the camera's frame.
+void Chain(const Eigen::Matrix<double, 2, 3>& by_cam, const Rigid3* outer, const Rigid3& inner,
+           const Eigen::Vector3d& turned_outer, const Eigen::Vector3d& turned_inner,
+           ImagePointJacobians* jacobians) {
+  Eigen::Matrix<double, 2, 3> by_rig = by_cam;
+  if (outer != nullptr) {
+    jacobians->by_outer.leftCols<3>() = by_cam * MinusCross(turned_outer);
+    jacobians->by_outer.rightCols<3>() = by_cam;
+    by_rig = by_cam * outer->rotation;
+  }
+  jacobians->by_inner.leftCols<3>() = by_rig * MinusCross(turned_inner);
+  jacobians->by_inner.rightCols<3>() = by_rig;
+  jacobians->by_point = by_rig * inner.rotation;
+}
+
 }  // namespace
 
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
-                                                 const Rigid3& inner,
-                                                 const Eigen::Vector3d& point_mm,
+                                                 const Rigid3& inner, const Circle& mark,
                                                  ImagePointJacobians* jacobians) {
-  const Eigen::Vector3d turned_inner = inner.rotation * point_mm;
+  const Eigen::Vector3d turned_inner = inner.rotation * mark.center_mm;
   const Eigen::Vector3d in_rig = turned_inner + inner.translation_mm;
   Eigen::Vector3d turned_outer = in_rig;
   Eigen::Vector3d in_cam = in_rig;
@@ -24,21 +38,31 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
     turned_outer = outer->rotation * in_rig;
     in_cam = turned_outer + outer->translation_mm;
   }
-  if (jacobians == nullptr) return Project(camera, in_cam);
-
-  ProjectionJacobians projection;
-  const std::optional<Eigen::Vector2d> pixel = Project(camera, in_cam, &projection);
-  if (!pixel) return std::nullopt;
-  jacobians->by_interior = projection.by_interior;
-  Eigen::Matrix<double, 2, 3> by_rig = projection.by_point;
-  if (outer != nullptr) {
-    jacobians->by_outer.leftCols<3>() = projection.by_point * MinusCross(turned_outer);
-    jacobians->by_outer.rightCols<3>() = projection.by_point;
-    by_rig = projection.by_point * outer->rotation;
+  if (!(mark.radius_mm > 0)) {
+    if (jacobians == nullptr) return Project(camera, in_cam);
+    ProjectionJacobians projection;
+    const std::optional<Eigen::Vector2d> pixel = Project(camera, in_cam, &projection);
+    if (!pixel) return std::nullopt;
+    jacobians->by_interior = projection.by_interior;
+    Chain(projection.by_point, outer, inner, turned_outer, turned_inner, jacobians);
+    return pixel;
   }
-  jacobians->by_inner.leftCols<3>() = by_rig * MinusCross(turned_inner);
-  jacobians->by_inner.rightCols<3>() = by_rig;
-  jacobians->by_point = by_rig * inner.rotation;
+  // The normal turns with the poses, as the point does without their shifts.
+  const Eigen::Vector3d normal_inner = inner.rotation * mark.normal;
+  const Eigen::Vector3d normal =
+      outer != nullptr ? Eigen::Vector3d(outer->rotation * normal_inner) : normal_inner;
+  EllipseCenterJacobians ellipse;
+  const std::optional<Eigen::Vector2d> pixel = ProjectEllipseCenter(
+      camera, {in_cam, normal, mark.radius_mm}, jacobians != nullptr ? &ellipse : nullptr);
+  if (!pixel || jacobians == nullptr) return pixel;
+  jacobians->by_interior = ellipse.by_interior;
+  Chain(ellipse.by_center, outer, inner, turned_outer, turned_inner, jacobians);
+  Eigen::Matrix<double, 2, 3> by_rig = ellipse.by_normal;
+  if (outer != nullptr) {
+    jacobians->by_outer.leftCols<3>() += ellipse.by_normal * MinusCross(normal);
+    by_rig = ellipse.by_normal * outer->rotation;
+  }
+  jacobians->by_inner.leftCols<3>() += by_rig * MinusCross(normal_inner);
   return pixel;
 }
 

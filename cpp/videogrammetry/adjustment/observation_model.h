@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "videogrammetry/geometry/camera.h"
+#include "videogrammetry/geometry/circle.h"
 #include "videogrammetry/geometry/rigid3.h"
 
 namespace videogrammetry {
@@ -17,13 +18,14 @@ struct ImagePointJacobians {
   Eigen::Matrix<double, 2, 3> by_point;
 };
 
-/// Picture of an object point: Project(camera, outer * inner * point).
+/// What a camera measures of a mark: Project(camera, outer * inner * point), or
+/// of a circle the centre of its ellipse (ProjectEllipseCenter).
 ///
 /// @param outer  nullptr = identity (by_outer is then left untouched).
-/// @return nullopt where the point has no picture (see Project).
+/// @param mark  a point or circle of the object; radius_mm 0 = a point.
+/// @return nullopt where the mark has no picture (see Project).
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
-                                                 const Rigid3& inner,
-                                                 const Eigen::Vector3d& point_mm,
+                                                 const Rigid3& inner, const Circle& mark,
                                                  ImagePointJacobians* jacobians = nullptr);
 
 }  // namespace videogrammetry

@@ -29,7 +29,8 @@ enum class IntersectionStatus {
   kTooFewRays,    ///< fewer than two sightings
   kParallelRays,  ///< no angle between any two rays: depth is not determined
   kBehindCamera,  ///< the rays meet behind a camera
-  kNotConverged
+  kNotConverged,
+  kNoNormal  ///< a sticker's thickness is to be taken off, but no ellipse says its normal
 };
 
 /// Intersects the rays of n sightings by least squares of the image residuals.

@@ -30,27 +30,41 @@ const std::array<Eigen::Vector2d, kPlaces>& Directions() {
   return directions;
 }
 
-/// Grey values at some distance from the ellipse, in the directions of its normals.
-using Around = std::array<float, kPlaces>;
+/// Grey values at some distances from the ellipse, in the directions of its normals.
+template <std::size_t kDistances>
+using Around = std::array<std::array<float, kPlaces>, kDistances>;
 
 /// @return false if the window ends before.
-bool SampleAround(const GreyWindow& window, const EllipseFrame& frame, double distance_px,
-                  Around* grey) {
+template <std::size_t kDistances>
+bool SampleAround(const GreyWindow& window, const EllipseFrame& frame,
+                  const std::array<double, kDistances>& distances_px, Around<kDistances>* grey) {
   const Eigen::Matrix2d& e = frame.shape;
-  Around x, y;
+  Around<kDistances> x, y;
+  double left = 1e9, right = -1e9, top = 1e9, bottom = -1e9;
   for (std::size_t k = 0; k < kPlaces; ++k) {
-    const Eigen::Vector2d& u = Directions()[k];
-    Eigen::Vector2d normal(e(1, 1) * u.x() - e(0, 1) * u.y(), e(0, 0) * u.y() - e(0, 1) * u.x());
-    const Eigen::Vector2d p = frame.center + e * u + distance_px / normal.norm() * normal;
-    if (!window.Covers(p.x(), p.y())) return false;
-    x[k] = static_cast<float>(p.x());
-    y[k] = static_cast<float>(p.y());
+    const double ux = Directions()[k].x(), uy = Directions()[k].y();
+    const double nx = e(1, 1) * ux - e(0, 1) * uy, ny = e(0, 0) * uy - e(0, 1) * ux;
+    const double length = 1.0 / std::sqrt(nx * nx + ny * ny);
+    const double px = frame.center.x() + e(0, 0) * ux + e(0, 1) * uy;
+    const double py = frame.center.y() + e(0, 1) * ux + e(1, 1) * uy;
+    for (std::size_t i = 0; i < kDistances; ++i) {
+      const double qx = px + distances_px[i] * length * nx;
+      const double qy = py + distances_px[i] * length * ny;
+      x[i][k] = static_cast<float>(qx);
+      y[i][k] = static_cast<float>(qy);
+      left = std::min(left, qx);
+      right = std::max(right, qx);
+      top = std::min(top, qy);
+      bottom = std::max(bottom, qy);
+    }
   }
-  window.Sample(x.data(), y.data(), kPlaces, grey->data());
+  if (!window.Covers(left, top) || !window.Covers(right, bottom)) return false;
+  window.Sample(x[0].data(), y[0].data(), static_cast<int>(kDistances * kPlaces),
+                (*grey)[0].data());
   return true;
 }
 
-float Median(Around grey) {
+float Median(std::array<float, kPlaces> grey) {
   std::nth_element(grey.begin(), grey.begin() + kPlaces / 2, grey.end());
   return grey[kPlaces / 2];
 }
@@ -150,13 +164,11 @@ bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
   const Eigen::Matrix2d& e = dot->frame.shape;
   // (not less than the minor axis)
   const double minor = e.determinant() / std::max(e(0, 0), e(1, 1));
-  Around deep, in, out, far;
-  if (!SampleAround(window, dot->frame, kFarPx, &far) ||
-      !SampleAround(window, dot->frame, kNearPx, &out) ||
-      !SampleAround(window, dot->frame, -std::min(1.5, 0.6 * minor), &in) ||
-      !SampleAround(window, dot->frame, -kDeep * minor, &deep)) {
-    return false;
-  }
+  Around<4> grey;
+  const std::array<double, 4> distances = {-kDeep * minor, -std::min(1.5, 0.6 * minor), kNearPx,
+                                           kFarPx};
+  if (!SampleAround(window, dot->frame, distances, &grey)) return false;
+  const auto& [deep, in, out, far] = grey;
   dot->inside = Median(deep);
   // On a narrow dark rim the nearer one is the dot's ground.
   dot->outside = std::min(Median(out), Median(far));

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <numeric>
 
 #include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/model_pool.h"
@@ -31,12 +32,8 @@ constexpr double kBlind = 0.07;
 constexpr double kFlareLever = 2.5, kFlarePx = 0.01;
 /// What flare may be over its standard deviation: shadows and reflections have edges.
 constexpr double kFlareTails = 3.0;
-/// The second search: threshold over the first one's, and least diameter. Texture breaks
-/// a chord in proportion to its length: dots below are as well found by the first.
-constexpr int kSecondThreshold = 3;
-constexpr double kSecondDiameterPx = 8.0;
 /// What a fit may need beyond its start's ellipse.
-constexpr double kMoreReachPx = 1.5;
+constexpr double kMoreReachPx = 2.0;
 /// What the local Canny may look at beyond an ellipse.
 constexpr double kUnclearReachPx = 10.0;
 /// How much larger a dot may be than the gleam on it, in radii of that.
@@ -137,78 +134,57 @@ class WindowPicture {
   SignedImage<std::uint16_t> image_;
 };
 
-/// Whether an area was found before: at another threshold a level moves a border by
-/// half a pixel.
-bool IsSameArea(const ContourMoments& a, const ContourMoments& b) {
-  return std::abs(a.width_px - b.width_px) <= 2 && std::abs(a.height_px - b.height_px) <= 2;
-}
-
 }  // namespace
 
-std::vector<DotRegion> FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
-                                    int gradient_threshold) {
-  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
-  auto areas = FindDotRegions(frame, sign, options.diameter_px, gradient_threshold);
-  const double least = std::max(options.diameter_px[0], kSecondDiameterPx);
-  if (least >= options.diameter_px[1]) return areas;
-  PlaceIndex index;
-  for (std::size_t i = 0; i < areas.size(); ++i) {
-    index.Insert(areas[i].moments.mean_x, areas[i].moments.mean_y, static_cast<int>(i));
-  }
-  const std::size_t first = areas.size();
-  for (const DotRegion& area : FindDotRegions(frame, sign, {least, options.diameter_px[1]},
-                                              kSecondThreshold * gradient_threshold)) {
-    const ContourMoments& m = area.moments;
-    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
-      return IsSameArea(areas[static_cast<std::size_t>(number)].moments, m);
-    });
-    if (!known) areas.push_back(area);
-  }
-  if (areas.size() > first) {
-    std::stable_sort(areas.begin(), areas.end(), [](const DotRegion& a, const DotRegion& b) {
-      return a.moments.mean_y < b.moments.mean_y;
-    });
-  }
-  return areas;
-}
-
-EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options)
-    : options_(options), reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1) {}
+EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
+                                         const CodeFamily& family)
+    : options_(options),
+      family_(family),
+      reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1),
+      places_(reader_.width(), reader_.height()),
+      rings_(family, reader_.width(), reader_.height()) {}
 
 GreyWindow EdgePairRecognition::WindowOf(const EllipseFrame& frame, double more_px) {
-  const Eigen::Vector2d reach = frame.shape.rowwise().norm() + Eigen::Vector2d::Constant(more_px);
-  const Eigen::Vector2d low = frame.center - reach, high = frame.center + reach;
-  return reader_.Read(static_cast<int>(std::floor(low.x())), static_cast<int>(std::floor(low.y())),
-                      static_cast<int>(std::ceil(high.x())), static_cast<int>(std::ceil(high.y())));
+  const Eigen::Matrix2d& e = frame.shape;
+  const double x = std::sqrt(e(0, 0) * e(0, 0) + e(0, 1) * e(0, 1)) + more_px;
+  const double y = std::sqrt(e(0, 1) * e(0, 1) + e(1, 1) * e(1, 1)) + more_px;
+  const auto floor = [](double v) { return static_cast<int>(std::floor(v)); };
+  return reader_.Read(floor(frame.center.x() - x), floor(frame.center.y() - y),
+                      floor(frame.center.x() + x) + 1, floor(frame.center.y() + y) + 1);
 }
 
 std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const DotRegion& region,
-                                                                       double blur_px) {
+                                                                       double blur_px,
+                                                                       GreyWindow* window) {
   const ContourMoments& m = region.moments;
   const auto shape = ShapeOfMoments(m.var_xx, m.var_xy, m.var_yy);
   if (!shape) return std::nullopt;
   DotStart dot = {{{m.mean_x, m.mean_y}, *shape}, region.inside, region.outside};
-  const GreyWindow window = WindowOf(dot.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
-  if (!MeasureGrey(window, &dot)) return std::nullopt;
+  *window = WindowOf(dot.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
+  if (!MeasureGrey(*window, &dot)) return std::nullopt;
   Resize(region.level(), blur_px, &dot);
-  const auto begun = fitter_.Begin(window, dot, blur_px);
-  return Start{begun ? *begun : dot, dot, 0};
+  const auto begun = fitter_.Begin(*window, dot, blur_px);
+  return Start{begun ? *begun : dot, dot};
 }
 
-std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>& starts) {
+std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegion>& regions,
+                                                       const std::vector<int>& order) {
   struct Lesson {
-    const Start* start;
+    DotStart start;
     ModelFit fit;
     double residual;
   };
   std::vector<Lesson> lessons;
-  const std::size_t step = std::max<std::size_t>(1, starts.size() / kLearnFrom);
-  const double more = DotFitter::Reach(1.0) + kMoreReachPx;
-  for (std::size_t i = 0; i < starts.size(); i += step) {
-    const GreyWindow window = WindowOf(starts[i].dot.frame, more);
-    const auto fit = fitter_.Fit(window, starts[i].dot, nullptr, true);
+  // Twice as many as wanted: half of the areas are none.
+  const std::size_t step = std::max<std::size_t>(1, order.size() / (2 * kLearnFrom));
+  GreyWindow window;
+  for (std::size_t i = 0; i < order.size() && lessons.size() < kLearnFrom; i += step) {
+    const DotRegion& region = regions[static_cast<std::size_t>(order[i])];
+    const auto start = BeginAt(region, DotFitter::kUsualBlurPx, &window);
+    if (!start) continue;
+    const auto fit = fitter_.Fit(window, start->dot, nullptr, true);
     if (!fit || !HasSize(fit->ellipse)) continue;
-    lessons.push_back({&starts[i], *fit, std::sqrt(fit->variance) / (fit->inside - fit->outside)});
+    lessons.push_back({start->dot, *fit, std::sqrt(fit->variance) / (fit->inside - fit->outside)});
   }
   if (lessons.empty()) return std::nullopt;
   std::sort(lessons.begin(), lessons.end(),
@@ -222,17 +198,15 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<Start>&
   std::vector<FlareSample> flares;
   fits.clear();
   for (const Lesson& lesson : lessons) {
-    const GreyWindow window = WindowOf(lesson.start->dot.frame, more);
-    const auto fit = fitter_.Fit(window, lesson.start->dot, &*picture, true);
+    window = WindowOf(lesson.start.frame, DotFitter::Reach(picture->blur_px) + kMoreReachPx);
+    const auto fit = fitter_.Fit(window, lesson.start, &*picture, true);
     if (!fit) continue;
     fits.push_back(*fit);
     if (const auto flare = MeasureFlare(window, *fit)) flares.push_back(*flare);
   }
   picture->gradient = PoolGradient(fits);
   const double flare = PoolFlare(flares);
-  if (kFlareLever * picture->blur_px * flare > kFlarePx) {
-    picture->flare = kFlareTails * flare;
-  }
+  if (kFlareLever * picture->blur_px * flare > kFlarePx) picture->flare = kFlareTails * flare;
   return picture;
 }
 
@@ -242,12 +216,11 @@ bool EdgePairRecognition::HasSize(const Ellipse& e) const {
 }
 
 /// What is not clearly a dot goes to unclear_.
-std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start) {
-  const bool by_model = picture_ && options_.estimator != Estimator::kMeanGradient;
+std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start,
+                                                              const GreyWindow& window) {
   std::optional<ModelFit> fit;
-  if (by_model) {
-    const double reach = DotFitter::Reach(picture_->blur_px) + kMoreReachPx;
-    fit = fitter_.Fit(WindowOf(start.dot.frame, reach), start.dot, &*picture_);
+  if (picture_ && options_.estimator != Estimator::kMeanGradient) {
+    fit = fitter_.Fit(window, start.dot, &*picture_);
   }
   if (!fit || !IsClear(*fit, picture_->noise)) {
     unclear_.push_back(start);
@@ -283,49 +256,66 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureUnclearAt(const Start& sta
   // and a gleam hides the rest of its dot.
   const double more =
       kMostGleam * std::sqrt(start.cut_out.frame.shape.determinant()) + kUnclearReachPx;
-  const auto low = CutOutLow(WindowOf(start.cut_out.frame, more), start.cut_out, blur_px());
+  const auto low = CutOutLow(WindowOf(start.cut_out.frame, more), start.cut_out, UsualBlur());
   return low ? MeasureByLocalCanny(*low) : std::nullopt;
 }
 
-std::vector<DotMeasurement> EdgePairRecognition::MeasureClear(const std::vector<DotRegion>& regions,
-                                                              const CameraModel* camera) {
-  const double blur_px = camera ? camera->picture.blur_px : DotFitter::kUsualBlurPx;
-  std::vector<Start> starts;
-  PlaceIndex index;
-  // A dot that was found at two levels begins at the same place twice.
-  const auto is_same = [&](const EllipseFrame& frame) {
-    const double area = frame.shape.determinant(), reach = 0.1 * std::sqrt(area);
-    return index.AnyNear(frame.center.x(), frame.center.y(), reach, [&](int number) {
-      const double other = starts[static_cast<std::size_t>(number)].dot.frame.shape.determinant();
-      return std::abs(area - other) < 0.2 * area;
-    });
-  };
-  for (std::size_t i = 0; i < regions.size(); ++i) {
-    auto start = BeginAt(regions[i], blur_px);
-    if (!start || is_same(start->dot.frame)) continue;
-    start->region = static_cast<int>(i);
-    const Eigen::Vector2d& center = start->dot.frame.center;
-    index.Insert(center.x(), center.y(), static_cast<int>(starts.size()));
-    starts.push_back(*start);
+void EdgePairRecognition::Add(const TargetEdge& edge) {
+  const Ellipse& e = edge.ellipse;
+  if (IsKnown(e, targets_, places_)) return;
+  places_.Insert(e.x_px, e.y_px, static_cast<int>(targets_.size()));
+  Target target{edge, {}};
+  if (family_.num_bits > 0) {
+    const GreyWindow window = ReadRingWindow(edge, family_, &reader_);
+    target.ring = ReadRing(window, edge, family_, options_.direction);
+    rings_.Add(target);
   }
-  picture_ = camera ? std::optional(camera->picture) : Learn(starts);
-  unclear_.clear();
-  std::vector<DotMeasurement> dots;
-  for (const Start& start : starts) {
-    if (const auto edge = MeasureByModel(start)) dots.push_back({*edge, start.region});
-  }
-  return dots;
+  targets_.push_back(target);
 }
 
-std::vector<DotMeasurement> EdgePairRecognition::MeasureUnclear(
-    const std::function<bool(const Ellipse&)>& leave_out) {
-  std::vector<DotMeasurement> dots;
+bool EdgePairRecognition::IsMeasured(const EllipseFrame& frame) const {
+  const double reach = 0.1 * std::sqrt(frame.shape.determinant());
+  const double x = frame.center.x(), y = frame.center.y();
+  return places_.AnyNear(x, y, reach, [](int) { return true; });
+}
+
+void EdgePairRecognition::MeasureUnclear() {
   for (const Start& start : unclear_) {
-    if (leave_out(start.dot.frame.ToEllipse())) continue;
+    const Ellipse e = start.dot.frame.ToEllipse();
+    if (rings_.Holds(start.dot.frame.center, e.semi_minor_px)) continue;
+    if (IsKnown(e, targets_, places_)) continue;
     const auto edge = MeasureUnclearAt(start);
-    if (edge) dots.push_back({*edge, start.region});
+    if (edge) Add(*edge);
   }
-  return dots;
+}
+
+std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& regions,
+                                                 const CameraModel* camera) {
+  const auto area = [&](int i) { return regions[static_cast<std::size_t>(i)].moments.area; };
+  std::vector<int> order(regions.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return area(a) > area(b); });
+  picture_ = camera ? std::optional(camera->picture) : Learn(regions, order);
+  const double blur_px = UsualBlur();
+  GreyWindow window;
+  for (const int i : order) {
+    const DotRegion& region = regions[static_cast<std::size_t>(i)];
+    const ContourMoments& m = region.moments;
+    const Eigen::Vector2d center(m.mean_x, m.mean_y);
+    // (not less than the minor axis)
+    const double minor =
+        m.area / (2.0 * std::numbers::pi * std::sqrt(std::max(m.var_xx, m.var_yy)));
+    if (rings_.Holds(center, minor)) continue;
+    auto start = BeginAt(region, blur_px, &window);
+    if (!start || IsMeasured(start->dot.frame)) continue;
+    if (const auto edge = MeasureByModel(*start, window)) Add(*edge);
+  }
+  MeasureUnclear();
+  std::sort(targets_.begin(), targets_.end(), [](const Target& a, const Target& b) {
+    const Ellipse &e = a.edge.ellipse, &f = b.edge.ellipse;
+    return e.y_px != f.y_px ? e.y_px < f.y_px : e.x_px < f.x_px;
+  });
+  return std::move(targets_);
 }
 
 }  // namespace videogrammetry

@@ -1,82 +1,77 @@
 #pragma once
 
-#include <functional>
+#include <array>
 #include <optional>
 #include <vector>
 
 #include "videogrammetry/recognition/camera_model.h"
+#include "videogrammetry/recognition/code_family.h"
 #include "videogrammetry/recognition/dot_fit.h"
-#include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/options.h"
-#include "videogrammetry/recognition/target_edge.h"
+#include "videogrammetry/recognition/place_index.h"
+#include "videogrammetry/recognition/target.h"
+#include "videogrammetry/recognition/target_selection.h"
 
 namespace videogrammetry {
 
-/// The areas of a picture that may be dots, from two searches of edge_pair_search.h.
+/// Makes targets of the areas of one picture that may be dots.
 ///
-/// A chord ends at the nearest edge beyond the threshold, so texture, compression or a
-/// gleam inside a dot of high contrast breaks its chords where the threshold follows
-/// faint edges. A second search at three times the threshold does not see them.
+/// The areas are taken from the largest to the smallest, so that a ring has been read
+/// before its sectors come: those are passed over. Of each:
 ///
-/// @param gradient_threshold  of the first search.
-/// @return in the rows' order.
-std::vector<DotRegion> FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
-                                    int gradient_threshold);
-
-/// A dot measured, and how much of its grey values the model leaves open.
-struct DotMeasurement {
-  TargetEdge edge;
-  int region = 0;  ///< the area it was found as
-};
-
-/// Measures the areas of one picture that may be dots: those that are.
-///
-/// 1. A look at sixteen places: brighter inside than outside all around.
-/// 2. Noise, blur and evenness of the light from some dots, if no camera's model is
-///    given (PoolModels, PoolGradient).
-/// 3. The blurred ellipse (DotFitter). Where no more than 3 % of the contrast is left in
-///    the residuals beyond noise, it is a dot. Where there is more, and where the fit
-///    fails, something lies in front of the dot or near it, shines on it, or it is none:
-///    MeasureTargetEdge of the local Canny decides, which sees what is none in some
+/// 1. A look around: brighter inside than outside on all sides, and how bright.
+/// 2. The second moments of the grey values, and the blurred ellipse (DotFitter). Where no
+///    more than 3 % of the contrast is left in the residuals beyond noise, it is a dot.
+///    Where there is more, where the fit fails, and where the noise is such that residuals
+///    tell nothing, something lies in front of the dot or near it, shines on it, or it is
+///    none: MeasureTargetEdge of the local Canny decides, which sees what is none in some
 ///    microseconds, and FitModel measures.
+/// 3. The ring.
+///
+/// Noise, blur and evenness of the light are learned from some dots (PoolModels,
+/// PoolGradient, MeasureFlare) if no camera's model is given. In a picture with light that is
+/// added, not multiplied, FitModel measures clear dots too.
 class EdgePairRecognition {
  public:
-  EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options);
+  EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
+                      const CodeFamily& family);
 
-  /// Measures what is clearly a dot, in the areas' order; what is unclear is kept.
-  ///
   /// @param camera  nullptr: learned from the picture.
-  std::vector<DotMeasurement> MeasureClear(const std::vector<DotRegion>& regions,
-                                           const CameraModel* camera);
+  /// @return the targets in the order of their centres' y, then x.
+  std::vector<Target> Measure(const std::vector<DotRegion>& regions, const CameraModel* camera);
 
-  /// Measures what MeasureClear left, but for what lies where `leave_out` says true.
-  std::vector<DotMeasurement> MeasureUnclear(const std::function<bool(const Ellipse&)>& leave_out);
-
-  /// The picture's model after MeasureClear; nullopt if it had no dots.
+  /// The picture's model after Measure; nullopt if it had no dots.
   const std::optional<PictureModel>& picture() const { return picture_; }
 
  private:
   struct Start {
     DotStart dot;
     DotStart cut_out;  ///< as the area has it, its moments not yet those of grey values
-    int region = 0;
   };
 
-  std::optional<Start> BeginAt(const DotRegion& region, double blur_px);
   GreyWindow WindowOf(const EllipseFrame& frame, double more_px);
-  std::optional<PictureModel> Learn(const std::vector<Start>& starts);
-  std::optional<TargetEdge> MeasureByModel(const Start& start);
+  std::optional<Start> BeginAt(const DotRegion& region, double blur_px, GreyWindow* window);
+  std::optional<PictureModel> Learn(const std::vector<DotRegion>& regions,
+                                    const std::vector<int>& order);
+  std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
   std::optional<TargetEdge> MeasureByLocalCanny(const DotStart& dot);
   std::optional<TargetEdge> MeasureUnclearAt(const Start& start);
-  double blur_px() const { return picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx; }
+  double UsualBlur() const { return picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx; }
+  void MeasureUnclear();
+  void Add(const TargetEdge& edge);
   bool HasSize(const Ellipse& ellipse) const;
+  bool IsMeasured(const EllipseFrame& frame) const;  ///< a target's centre is there
 
   const RecognitionOptions& options_;
+  const CodeFamily& family_;
   WindowReader reader_;
   DotFitter fitter_;
   std::optional<PictureModel> picture_;
   std::vector<Start> unclear_;
+  std::vector<Target> targets_;
+  PlaceIndex places_;  ///< of the targets
+  RingPlaces rings_;
 };
 
 }  // namespace videogrammetry

@@ -4,36 +4,42 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
+#include <numbers>
 #include <optional>
 
-#include "videogrammetry/recognition/edge_pair_region.h"
 #include "videogrammetry/recognition/edge_pair_samples.h"
-#include "videogrammetry/recognition/edge_pair_visits.h"
+#include "videogrammetry/recognition/edge_pair_star.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 
 namespace videogrammetry {
 namespace {
 
-using edge_pair::BorderVisits;
-using edge_pair::RegionGrower;
-using edge_pair::Run;
 using edge_pair::SampleRows;
+using edge_pair::Samples;
+using edge_pair::Star;
+using edge_pair::StarLook;
+using edge_pair::Storage;
 
-/// Mean deviation of the grey values in a chord's middle half over its contrast, in percent.
-constexpr std::int64_t kMostUnevenPercent = 15;
 /// Pixels of a rise or fall that are looked at, from its inner end.
 constexpr int kLongestEdge = 64;
-/// Pixels beyond a chord's edges that are looked at for the surroundings, and one for
-/// the gradient.
-constexpr int kSurroundings = 9;
-
-/// Pixels by which an area may end further on one side of its middle than on the other,
-/// and an eighth of its extent.
-constexpr int kMostUnlike = 2;
-
 /// Columns that share the memory of the last area found in them.
-constexpr std::size_t kColumns = 8;
+constexpr int kColumns = 16;
+/// Square of the least minor over major axis: a tilt of 80 degrees.
+constexpr double kLeastRatio = 0.18;
+/// Freedom of the axes, pixels: they are judged after the fit.
+constexpr double kFreePx = 1.0;
+
+/// Last bit of a rise and first of the fall after it, without another edge between.
+struct Pair {
+  int rise, fall;
+  int length() const { return fall - rise; }
+};
+
+/// What is kept of a row until the rows beside it have been scanned.
+struct ScannedRow {
+  std::vector<std::uint64_t> up, down;
+  std::vector<Pair> pairs;
+};
 
 /// Grey values along a chord.
 struct Chord {
@@ -43,57 +49,52 @@ struct Chord {
   int level() const { return outside + (inside - outside + 1) / 2; }
 };
 
+template <Storage kStorage>
 class EdgePairSearch {
  public:
   EdgePairSearch(const SampleRows& rows, int threshold, const std::array<double, 2>& diameter_px)
       : rows_(rows),
+        samples_(rows),
         threshold_(threshold),
         min_diameter_(diameter_px[0]),
         max_diameter_(diameter_px[1]),
         max_length_(static_cast<int>(max_diameter_ + 1)),
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
-        visits_(rows.width, (max_length_ + 1) / row_step_ + 2),
-        grower_(rows, max_length_ + 1),
-        line_(static_cast<std::size_t>(max_length_ + 2 * (kLongestEdge + kSurroundings + 2) +
-                                       edge_pair::kSampleSlack)),
-        latest_(static_cast<std::size_t>(rows.width) / kColumns + 1, -1) {}
-
-  std::vector<DotRegion> Search() {
+        star_(samples_, max_length_),
+        latest_(static_cast<std::size_t>(rows.width / kColumns) + 1, -1) {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
     for (ScannedRow& row : scanned_) {
       row.up.resize(words);
       row.down.resize(words);
     }
-    std::vector<int> which(words + 1);
-    int y = row_step_ / 2;
-    for (int row = 0; y < rows_.height; y += row_step_, ++row) {
-      ScannedRow& now = Scanned(row);
-      const int found = rows_.kernels->edges(rows_.row(y), rows_.width, threshold_, now.up.data(),
-                                             now.down.data(), which.data());
-      now.pairs.clear();
-      FindPairs(which.data(), found, &now);
-      FollowLongest(row - 1);
-    }
-    const int rows = (y - row_step_ / 2) / row_step_;
-    Scanned(rows).pairs.clear();
-    FollowLongest(rows - 1);
-    return std::move(regions_);
+    which_.resize(words + 1);
   }
 
+  /// The window lies in the picture, is 3 pixels wide or more and begins in an even column.
+  void Search(const SearchWindow& window) {
+    left_ = window.left;
+    width_ = window.right - window.left + 1;
+    const std::uint8_t* first = rows_.row(0) + samples_.BytesTo(left_);
+    // The whole picture's rows.
+    int row = std::max(0, window.top - row_step_ / 2 + row_step_ - 1) / row_step_;
+    const int first_row = row;
+    for (ScannedRow& scanned : scanned_) scanned.pairs.clear();
+    for (int y = RowAt(row); y <= window.bottom; y = RowAt(++row)) {
+      ScannedRow& now = Scanned(row);
+      const int found = rows_.kernels->edges(first + y * rows_.stride_bytes, width_, threshold_,
+                                             now.up.data(), now.down.data(), which_.data());
+      FindPairs(found, &now);
+      if (row > first_row) FollowLongest(row - 1);
+    }
+    Scanned(row).pairs.clear();
+    if (row > first_row) FollowLongest(row - 1);
+  }
+
+  std::vector<DotRegion> Take() { return std::move(regions_); }
+
  private:
-  /// Last bit of a rise and first of the fall after it, without another edge between.
-  struct Pair {
-    int rise, fall;
-    int length() const { return fall - rise; }
-  };
-
-  /// What is kept of a row until the rows beside it have been scanned.
-  struct ScannedRow {
-    std::vector<std::uint64_t> up, down;
-    std::vector<Pair> pairs;
-  };
-
+  int RowAt(int row) const { return row_step_ / 2 + row * row_step_; }
   ScannedRow& Scanned(int row) { return scanned_[static_cast<std::size_t>(row + 3) % 3]; }
   // In negated values rises and falls change places.
   const std::uint64_t* Rises(const ScannedRow& row) const {
@@ -105,13 +106,14 @@ class EdgePairSearch {
 
   // Goes through the beginnings of falls; those whose nearest edge before is a rise
   // close a chord.
-  void FindPairs(const int* which, int found, ScannedRow* row) const {
+  void FindPairs(int found, ScannedRow* row) const {
     const std::uint64_t* all_rises = Rises(*row);
     const std::uint64_t* all_falls = Falls(*row);
+    row->pairs.clear();
     int last_edge = -1;  // in the words before
     bool last_rises = false;
     for (int j = 0; j < found; ++j) {
-      const int i = which[j], base = 64 * i;
+      const int i = which_[static_cast<std::size_t>(j)], base = 64 * i;
       const std::uint64_t rises = all_rises[i], falls = all_falls[i], edges = rises | falls;
       const std::uint64_t before = i > 0 ? all_falls[i - 1] >> 63 : 0;
       std::uint64_t starts = falls & ~(falls << 1 | before);
@@ -134,25 +136,22 @@ class EdgePairSearch {
     }
   }
 
-  // Follows the pairs that are longer than those of the same area in the rows beside: an
+  // Looks at the pairs that are longer than those of the same area in the rows beside: an
   // ellipse's chords grow up to the one next to its centre, and then shrink.
   void FollowLongest(int row) {
-    if (row < 0) return;
-    row_ = row;
-    y_ = row_step_ / 2 + row * row_step_;
-    const std::vector<Pair>& above = Scanned(row - 1).pairs;
+    y_ = RowAt(row);
+    const ScannedRow& now = Scanned(row);
+    const std::vector<Pair>& above = Scanned(row + 2).pairs;  // of row - 1
     const std::vector<Pair>& below = Scanned(row + 1).pairs;
     std::size_t first_above = 0, first_below = 0;
-    for (const Pair& pair : Scanned(row).pairs) {
-      if (IsShorter(pair, 0, above, &first_above) || IsShorter(pair, 1, below, &first_below)) {
-        continue;
-      }
-      ClosePair(pair);
+    for (const Pair& pair : now.pairs) {
+      if (IsShorter(pair, 1, above, &first_above)) continue;
+      if (IsShorter(pair, 0, below, &first_below)) continue;
+      LookAt(pair, now);
     }
-    visits_.Leave(row);
   }
 
-  // Whether a pair of the row beside it overlaps and is longer by `least` or more. One that
+  // Whether a pair of the row beside overlaps and is longer by `least` or more. One that
   // is much longer is of another area. `first` moves along with the pairs.
   static bool IsShorter(const Pair& pair, int least, const std::vector<Pair>& beside,
                         std::size_t* first) {
@@ -160,7 +159,7 @@ class EdgePairSearch {
     const int most = 2 * pair.length() + 4;
     for (std::size_t i = *first; i < beside.size() && beside[i].rise < pair.fall; ++i) {
       const int length = beside[i].length();
-      if (length >= pair.length() + 1 - least && length <= most) return true;
+      if (length >= pair.length() + least && length <= most) return true;
     }
     return false;
   }
@@ -173,207 +172,103 @@ class EdgePairSearch {
   }
   int RunEnd(const std::uint64_t* words, int bit) const {
     int length = std::countr_one(words[bit / 64] >> (bit % 64));
-    if (length == 64 - bit % 64 && bit / 64 + 1 < (rows_.width + 61) / 64) {
+    if (length == 64 - bit % 64 && bit / 64 + 1 < (width_ + 61) / 64) {
       length += std::countr_one(words[bit / 64 + 1]);
     }
     return bit + std::min(length, kLongestEdge) - 1;
   }
 
-  void ClosePair(const Pair& pair) {
-    const ScannedRow& scanned = Scanned(row_);
-    // Bit i belongs to pixel i + 1.
-    const Run rise{RunStart(Rises(scanned), pair.rise) + 1, pair.rise + 1};
-    const Run fall{pair.fall + 1, RunEnd(Falls(scanned), pair.fall) + 1};
-    if (fall.right - rise.left < least_length_) return;
-    if (visits_.SeenEnough(row_, rise.left - 1, rise.right + 1)) return;
-    const auto chord = MeasureChord(y_, rise, fall);
-    if (chord && LooksRound(*chord)) Follow(*chord);
+  void LookAt(const Pair& pair, const ScannedRow& scanned) {
+    // Bit i belongs to the window's pixel i + 1.
+    const int rise = RunStart(Rises(scanned), pair.rise) + 1 + left_;
+    const int fall = RunEnd(Falls(scanned), pair.fall) + 1 + left_;
+    if (fall - rise < least_length_) return;
+    const auto chord = MeasureChord(pair, rise, fall);
+    if (!chord) return;
+    const auto star = star_.Look(chord->middle, y_, chord->level(), chord->length);
+    if (star) Accept(*star, *chord);
   }
 
-  // Goes from a chord to the middle of the area's extent above and below, and there to
-  // that of its extent to both sides: about this point an ellipse ends alike in opposite
-  // directions.
-  bool LooksRound(const Chord& chord) const {
-    const int level = chord.level();
-    // Half of five times the chord: minor / major >= 0.2.
-    int most = std::min(max_length_, 5 * chord.length / 2 + 4);
-    int x = chord.middle, y = y_;
-    const int up = Extent(x, y, 0, -1, level, most), down = Extent(x, y, 0, 1, level, most);
-    if (up > most || down > most) return false;
-    y += (down - up) / 2;
-    most = std::min(max_length_, 5 * (up + down + 1) / 2 + 4);
-    const int left = Extent(x, y, -1, 0, level, most), right = Extent(x, y, 1, 0, level, most);
-    if (left > most || right > most) return false;
-    x += (right - left) / 2;
-    return EndsAlike(x, y, 0, level, most) && EndsAlike(x, y, 1, level, most) &&
-           EndsAlike(x, y, -1, level, most);
-  }
-
-  // Pixels at or above the level from (x, y) on, without it; most + 1 if there are more or
-  // the picture ends.
-  int Extent(int x, int y, int dx, int dy, int level, int most) const {
-    for (int k = 1; k <= most + 1; ++k) {
-      x += dx;
-      y += dy;
-      if (x < 0 || y < 0 || x >= rows_.width || y >= rows_.height) return most + 1;
-      if (rows_.At(x, y) < level) return k - 1;
-    }
-    return most + 1;
-  }
-
-  bool EndsAlike(int x, int y, int dx, int level, int most) const {
-    const int up = Extent(x, y, -dx, -1, level, most), down = Extent(x, y, dx, 1, level, most);
-    return up <= most && down <= most && std::abs(up - down) <= kMostUnlike + (up + down) / 8;
-  }
-
-  // Values of a chord and its surroundings; x_ is the first one's pixel.
-  void ReadLine(int y, int left, int right) {
-    x_ = std::max(0, left - kSurroundings) & ~1;
-    rows_.Read(x_, y, std::min(rows_.width, right + kSurroundings + 1) - x_, line_.data());
-  }
-  int Value(int x) const { return line_[static_cast<std::size_t>(x - x_)]; }
-
-  int Steepest(const Run& run, int direction) const {
-    int best = run.left, best_gradient = 0;
-    for (int x = run.left; x <= run.right; ++x) {
-      const int g = direction * (Value(x + 1) - Value(x - 1));
-      if (g > best_gradient) {
-        best_gradient = g;
-        best = x;
-      }
-    }
-    return best;
-  }
-
-  // Smallest value within three pixels of the edge and as far as it goes on falling.
-  int Outside(int edge, int step) const {
-    int lowest = Value(edge);
-    int x = edge + step;
-    for (int i = 0; i < 8 && x >= 0 && x < rows_.width; ++i, x += step) {
-      const int value = Value(x);
-      if (value >= lowest && i >= 3) break;
-      lowest = std::min(lowest, value);
-    }
-    return lowest;
-  }
-
-  std::optional<Chord> MeasureChord(int y, const Run& rise, const Run& fall) {
-    ReadLine(y, rise.left, fall.right);
-    const int left = Steepest(rise, 1), right = Steepest(fall, -1);
-    if (right - left < least_length_ || right - left > max_length_) return std::nullopt;
-    const int margin = (right - left) / 4, count = right - left - 2 * margin + 1;
-    // 2003 values of 16 bits at most: within 32 bits.
-    const std::uint16_t* middle = line_.data() + (left + margin - x_);
-    int sum = 0, deviation = 0;
-    for (int i = 0; i < count; ++i) sum += middle[i];
+  // Values at the chord's middle and where its edges begin and end. Much the same ground on
+  // both sides, the smaller contrast at least half the larger: not so in texture.
+  std::optional<Chord> MeasureChord(const Pair& pair, int rise, int fall) const {
     Chord chord;
-    chord.inside = sum / count;
-    for (int i = 0; i < count; ++i) deviation += std::abs(middle[i] - chord.inside);
-    const int left_outside = Outside(left, -1), right_outside = Outside(right, 1);
-    chord.outside = std::max(left_outside, right_outside);
-    chord.middle = (left + right) / 2;
-    chord.length = right - left;
-    const int least_contrast = chord.inside - chord.outside;
-    const int contrast = chord.inside - std::min(left_outside, right_outside);
-    // Even inside, and much the same ground on both sides, the smaller contrast at least
-    // half the larger: not so in texture.
-    if (least_contrast < threshold_ || 2 * least_contrast < contrast ||
-        100 * std::int64_t{deviation} > kMostUnevenPercent * contrast * count) {
-      return std::nullopt;
-    }
+    chord.middle = (pair.rise + pair.fall) / 2 + 1 + left_;
+    chord.length = (pair.length() + fall - rise) / 2;
+    if (chord.middle < 1 || chord.middle + 1 >= rows_.width) return std::nullopt;
+    const int a = samples_(chord.middle - 1, y_), b = samples_(chord.middle, y_),
+              c = samples_(chord.middle + 1, y_);
+    chord.inside = (a + b + c) / 3;
+    const int left = samples_(std::max(0, rise - 1), y_);
+    const int right = samples_(std::min(rows_.width - 1, fall + 1), y_);
+    chord.outside = std::max(left, right);
+    const int least = chord.inside - chord.outside, most = chord.inside - std::min(left, right);
+    if (least < threshold_ || 2 * least < most || b < chord.level()) return std::nullopt;
     return chord;
   }
 
-  void Follow(const Chord& chord) {
-    const bool closed = grower_.Grow(chord.middle, y_, chord.level(), chord.length);
-    std::optional<ContourMoments> moments;
-    if (closed) moments = Accepted(grower_.Moments());
-    MarkBorder(moments.has_value());
-    if (!moments) return;
-    Chord best = chord;
-    if (4 * std::abs(moments->mean_y - y_) > moments->height_px) Improve(&best, &*moments);
-    if (IsKnown(*moments)) return;
+  void Accept(const Star& star, const Chord& chord) {
+    // Semi axes: 1 / sqrt of the eigenvalues of S.
+    const double mean = 0.5 * (star.sxx + star.syy);
+    const double half = std::hypot(0.5 * (star.sxx - star.syy), double{star.sxy});
+    if (!(mean - half > 0.0)) return;
+    const double major = 1.0 / std::sqrt(mean - half), minor = 1.0 / std::sqrt(mean + half);
+    if (minor < kLeastRatio * major || 2.0 * minor < min_diameter_ - kFreePx ||
+        2.0 * major > max_diameter_ + kFreePx || IsKnown(star, minor)) {
+      return;
+    }
+    DotRegion region;
+    ContourMoments& m = region.moments;
+    const double det = double{star.sxx} * star.syy - double{star.sxy} * star.sxy;
+    m.mean_x = star.x;
+    m.mean_y = star.y;
+    m.area = std::numbers::pi * major * minor;
+    // The second moments of an ellipse's inside: S^-1 / 4.
+    m.var_xx = 0.25 * star.syy / det;
+    m.var_xy = -0.25 * star.sxy / det;
+    m.var_yy = 0.25 * star.sxx / det;
+    m.width_px = static_cast<int>(std::ceil(4.0 * std::sqrt(m.var_xx)));
+    m.height_px = static_cast<int>(std::ceil(4.0 * std::sqrt(m.var_yy)));
     const auto zero = static_cast<float>(rows_.flip);
-    regions_.push_back({*moments, static_cast<float>(best.inside) - zero,
-                        static_cast<float>(best.outside) - zero});
+    region.inside = static_cast<float>(chord.inside) - zero;
+    region.outside = static_cast<float>(chord.outside) - zero;
+    regions_.push_back(region);
   }
 
-  // True for an area found before: from a row through the dot's lower border, which is too
-  // dark to have its edge where the area's border was met. One area is kept for every few
-  // columns, the last.
-  bool IsKnown(const ContourMoments& m) {
-    const auto column = static_cast<std::size_t>(m.mean_x) / kColumns;
-    const std::size_t first = column > 0 ? column - 1 : 0;
-    const std::size_t last = std::min(column + 1, latest_.size() - 1);
-    for (std::size_t i = first; i <= last; ++i) {
-      if (latest_[i] < 0) continue;
-      const ContourMoments& known = regions_[static_cast<std::size_t>(latest_[i])].moments;
-      // Half a pixel: what another level moves an area by.
-      if (std::abs(known.mean_x - m.mean_x) < 0.5 && std::abs(known.mean_y - m.mean_y) < 0.5 &&
-          std::abs(known.width_px - m.width_px) <= 2 &&
-          std::abs(known.height_px - m.height_px) <= 2) {
+  // True for an area found before from another row: one is kept for every few columns, the
+  // last.
+  bool IsKnown(const Star& star, double minor_px) {
+    const int column =
+        std::clamp(static_cast<int>(star.x) / kColumns, 0, static_cast<int>(latest_.size()) - 1);
+    const int last = std::min(column + 1, static_cast<int>(latest_.size()) - 1);
+    const double area = 1.0 / (star.sxx * star.syy - star.sxy * star.sxy);
+    for (int i = std::max(0, column - 1); i <= last; ++i) {
+      const int at = latest_[static_cast<std::size_t>(i)];
+      if (at < 0) continue;
+      const ContourMoments& known = regions_[static_cast<std::size_t>(at)].moments;
+      const double other = 16.0 * (known.var_xx * known.var_yy - known.var_xy * known.var_xy);
+      if (std::abs(known.mean_x - star.x) < 0.2 * minor_px + 0.5 &&
+          std::abs(known.mean_y - star.y) < 0.2 * minor_px + 0.5 &&
+          std::abs(other - area) < 0.5 * area) {
         return true;
       }
     }
-    latest_[column] = static_cast<int>(regions_.size());
+    latest_[static_cast<std::size_t>(column)] = static_cast<int>(regions_.size());
     return false;
   }
 
-  // In the rows to be scanned yet.
-  void MarkBorder(bool accepted) {
-    const int last = std::min(grower_.bottom(), y_ + max_length_);
-    for (int y = y_, row = row_; y <= last; y += row_step_, ++row) {
-      if (y >= grower_.top()) visits_.Mark(row, grower_.left_end(y), accepted);
-    }
-  }
-
-  // A chord near the area's border is darker than the middle: its level is too low and its
-  // area too large. Measures the chord through the middle and cuts the area out anew.
-  void Improve(Chord* chord, ContourMoments* moments) {
-    const int x = static_cast<int>(moments->mean_x + 0.5);
-    const int y = static_cast<int>(moments->mean_y + 0.5);
-    ReadLine(y, grower_.left(), grower_.right());
-    if (Value(x) < chord->level()) return;
-    int left = x, right = x;
-    while (left > grower_.left() && Value(left - 1) >= chord->level()) --left;
-    while (right < grower_.right() && Value(right + 1) >= chord->level()) ++right;
-    // The area ends within a pixel of its steepest gradients; it stays off the border.
-    const Run rise{std::max(1, left - 1), left + 1};
-    const Run fall{right - 1, std::min(rows_.width - 2, right + 1)};
-    const auto middle = MeasureChord(y, rise, fall);
-    if (!middle || middle->level() == chord->level()) return;
-    if (!grower_.Grow(middle->middle, y, middle->level(), 1)) return;
-    const auto better = Accepted(grower_.Moments());
-    if (!better) return;
-    MarkBorder(true);
-    *chord = *middle;
-    *moments = *better;
-  }
-
-  std::optional<ContourMoments> Accepted(const ContourMoments& m) const {
-    if (std::min(m.width_px, m.height_px) < least_length_) return std::nullopt;
-    // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
-    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
-    const auto ellipse = EllipseFromMoments(m);
-    if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return std::nullopt;
-    // Half a pixel of freedom: the axes are judged after the fit.
-    if (2 * ellipse->semi_minor_px < min_diameter_ - 1.0) return std::nullopt;
-    if (2 * ellipse->semi_major_px > max_diameter_ + 1.0) return std::nullopt;
-    return m;
-  }
-
-  const SampleRows rows_;
+  const SampleRows& rows_;
+  const Samples<kStorage> samples_;
   const int threshold_;
   const double min_diameter_, max_diameter_;
   const int max_length_;  ///< of a chord, from edge to edge
   const int row_step_;
   const int least_length_;  ///< of a chord
+  const StarLook<kStorage> star_;
+  int left_ = 0, width_ = 0;  ///< of the window
+  int y_ = 0;
+  std::vector<int> which_;  ///< words of the row with edges
   std::array<ScannedRow, 3> scanned_;
-  int x_ = 0, y_ = 0;
-  int row_ = 0;  ///< index of y_ among the scanned rows
-  BorderVisits visits_;
-  RegionGrower grower_;
-  std::vector<std::uint16_t> line_;
   std::vector<int> latest_;  ///< index of the last area centred in the columns, or -1
   std::vector<DotRegion> regions_;
 };
@@ -382,10 +277,42 @@ class EdgePairSearch {
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      int gradient_threshold, InstructionSet set) {
+                                      int gradient_threshold,
+                                      const std::vector<SearchWindow>& windows,
+                                      InstructionSet set) {
   const SampleRows rows(frame, sign, set);
-  if (rows.width < 3 || rows.height < 3) return {};
-  return EdgePairSearch(rows, gradient_threshold, diameter_px).Search();
+  const auto search = [&](auto&& in_storage) {
+    for (SearchWindow window : windows) {
+      // Packed samples begin with an even one.
+      window.left = std::max(0, window.left) & ~1;
+      window.top = std::max(0, window.top);
+      window.right = std::min(rows.width - 1, window.right);
+      window.bottom = std::min(rows.height - 1, window.bottom);
+      if (window.right - window.left >= 2) in_storage.Search(window);
+    }
+    return in_storage.Take();
+  };
+  switch (rows.storage) {
+    case edge_pair::kBytes:
+      return search(EdgePairSearch<edge_pair::kBytes>(rows, gradient_threshold, diameter_px));
+    case edge_pair::kWords:
+      return search(EdgePairSearch<edge_pair::kWords>(rows, gradient_threshold, diameter_px));
+    case edge_pair::kPackedHighFirst:
+      return search(
+          EdgePairSearch<edge_pair::kPackedHighFirst>(rows, gradient_threshold, diameter_px));
+    default:
+      return search(
+          EdgePairSearch<edge_pair::kPackedLowFirst>(rows, gradient_threshold, diameter_px));
+  }
+}
+
+std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
+                                      const std::array<double, 2>& diameter_px,
+                                      int gradient_threshold, InstructionSet set) {
+  const int width = FrameWidth(frame), height = FrameHeight(frame);
+  if (width < 3 || height < 3) return {};
+  const std::vector<SearchWindow> whole = {{0, 0, width - 1, height - 1}};
+  return FindDotRegions(frame, sign, diameter_px, gradient_threshold, whole, set);
 }
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,

@@ -11,7 +11,7 @@ namespace videogrammetry {
 
 /// A closed area of a picture that may be a dot: brighter (or darker) than its surroundings.
 struct DotRegion {
-  ContourMoments moments;  ///< of its pixels, those at or above `level`
+  ContourMoments moments;  ///< of the ellipse that it is cut out as at `level`
   float inside = 0.0f;     ///< grey value of the dot, with the polarity's sign
   float outside = 0.0f;    ///< and of its surroundings
   float level() const { return 0.5f * (inside + outside); }
@@ -22,23 +22,23 @@ struct DotRegion {
 /// 1. Every k-th row is binarised on g(x) = I(x+1) - I(x-1), 64 pixels at once, from
 ///    the samples as they lie in memory; k is such that a circle of the smallest
 ///    diameter d is cut within d/4 of its centre.
-/// 2. A rise followed by a fall without another edge between them is a chord: of the
-///    right length, even inside, with much the same ground on both sides.
-/// 3. The area around the chord's middle is grown at the grey value half-way between
-///    the chord's inside and its surroundings (edge_pair_region.h). Accepted is what is
-///    closed, away from the picture's border, not ragged, has axes within the diameters
-///    (half a pixel of freedom at either end of an axis: they are judged after the edge
-///    has been measured), minor / major >= 0.2 (a tilt of 78 degrees), and the area of
-///    the ellipse with its second moments.
+/// 2. A rise followed by a fall without another edge between them is a chord. Of the
+///    chords that lie below each other those are looked at that are longer than their
+///    neighbours: of much the same ground on both sides.
+/// 3. From the chord's middle the area's extent is followed in eight directions at the
+///    grey value half-way between the chord's inside and its surroundings
+///    (edge_pair_star.h). Accepted is what ends alike in opposite directions, obeys the
+///    ellipse's relation between its diameters, and has axes within the given ones (a
+///    pixel of freedom: they are judged after the fit), minor / major >= 0.18 (a tilt of
+///    79 degrees).
 ///
 /// The level is the chord's own, so a dot with a dark rim is an area of its own on a
-/// background brighter than itself. The areas overlap where a chord's level joins a dot
-/// to what lies beside it, and a dot may rarely be found at two levels: the caller leaves out
-/// what it has measured before. Segments of ring codes are areas too.
+/// background brighter than itself. A dot may be found twice: the caller leaves out what it
+/// has measured before. Segments of ring codes may be areas too. The moments are those of
+/// the ellipse, good to some tenths of a pixel.
 ///
-/// Time and memory: an area's left border is met at most twice (once if accepted), so
-/// clutter costs a few steps a chord; the borders met are kept for as many rows only as
-/// the largest diameter has. Nothing is copied but rows' parts of a chord's length.
+/// Time and memory: a chord is followed no further than 2.5 times its length and along
+/// eight lines; of three rows the edges are kept, nothing of the picture is copied.
 /// Frames in 8 bit, 16 bit and packed 12 bit with the same values give the same areas,
 /// and so does every instruction set, bit for bit.
 ///
@@ -51,6 +51,19 @@ struct DotRegion {
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
                                       int gradient_threshold,
+                                      InstructionSet set = DetectInstructionSet());
+
+/// A part of a picture: the pixels left ... right, top ... bottom, inclusive.
+struct SearchWindow {
+  int left = 0, top = 0, right = -1, bottom = -1;
+};
+
+/// The same in parts of the picture: the areas that have a chord there, from the rows that
+/// the whole picture's search looks at. Where windows overlap, an area may come twice.
+std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
+                                      const std::array<double, 2>& diameter_px,
+                                      int gradient_threshold,
+                                      const std::vector<SearchWindow>& windows,
                                       InstructionSet set = DetectInstructionSet());
 
 /// The same with the frame's own threshold.

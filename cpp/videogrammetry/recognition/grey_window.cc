@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <type_traits>
 
 #include "videogrammetry/recognition/grey_window_kernels.h"
 
@@ -52,6 +51,35 @@ void GreyWindow::Sample(const float* x, const float* y, int count, float* out) c
   }
 }
 
+void WindowReader::ReadRows(const ImageView8& view, const GreyWindow& window, int count,
+                            float* out) const {
+  const auto& kernels = KernelsOf(set_);
+  for (int y = 0; y < window.height; ++y, out += window.stride) {
+    kernels.row8(view.row(window.y0 + y) + window.x0, count, static_cast<float>(sign_), out);
+  }
+}
+
+void WindowReader::ReadRows(const ImageView16& view, const GreyWindow& window, int count,
+                            float* out) const {
+  const auto& kernels = KernelsOf(set_);
+  for (int y = 0; y < window.height; ++y, out += window.stride) {
+    kernels.row16(view.row(window.y0 + y) + window.x0, count, static_cast<float>(sign_), out);
+  }
+}
+
+void WindowReader::ReadRows(const Packed12View& view, const GreyWindow& window, int count,
+                            float* out) const {
+  const auto& kernels = KernelsOf(set_);
+  const auto sign = static_cast<float>(sign_);
+  const bool high = view.order() == PackedOrder::kHighFirst;
+  const int odd = window.x0 % 2;  // packed samples are read from an even one on
+  for (int y = 0; y < window.height; ++y, out += window.stride) {
+    const int row = window.y0 + y;
+    if (odd != 0) out[0] = sign * static_cast<float>(view(window.x0, row));
+    kernels.row12(view.row(row) + (window.x0 + odd) / 2 * 3, high, count - odd, sign, out + odd);
+  }
+}
+
 WindowReader::WindowReader(const FrameView& frame, int sign, InstructionSet set)
     : frame_(frame),
       sign_(sign),
@@ -66,7 +94,6 @@ GreyWindow WindowReader::Read(int x0, int y0, int x1, int y1) {
   window.y0 = std::max(0, y0);
   window.width = std::max(0, std::min(width_ - 1, x1) - window.x0 + 1);
   window.height = std::max(0, std::min(height_ - 1, y1) - window.y0 + 1);
-  // A row of 12-bit samples is read from an even one on: one float more.
   window.stride = (window.width + 2 * kAlign) / kAlign * kAlign;
   const auto needed = static_cast<std::size_t>(window.stride * (window.height + 1) + kAlign);
   if (buffer_.size() < needed) buffer_.resize(needed);
@@ -75,31 +102,11 @@ GreyWindow WindowReader::Read(int x0, int y0, int x1, int y1) {
   float* begin = buffer_.data() + (kAlign - past) % kAlign;
   window.data = begin;
   if (window.width == 0 || window.height == 0) return window;
-  const auto& kernels = KernelsOf(set_);
-  const auto sign = static_cast<float>(sign_);
-  for (int y = 0; y < window.height; ++y) {
-    float* out = begin + y * window.stride;
-    std::visit(
-        [&](const auto& view) {
-          using View = std::decay_t<decltype(view)>;
-          if constexpr (std::is_same_v<View, ImageView8>) {
-            kernels.row8(view.row(window.y0 + y) + window.x0, window.width, sign, out);
-          } else if constexpr (std::is_same_v<View, ImageView16>) {
-            kernels.row16(view.row(window.y0 + y) + window.x0, window.width, sign, out);
-          } else {
-            const std::uint8_t* packed = view.row(window.y0 + y) + window.x0 / 2 * 3;
-            const bool high = view.order() == PackedOrder::kHighFirst;
-            if (window.x0 % 2 == 0) {
-              kernels.row12(packed, high, window.width, sign, out);
-            } else {
-              out[0] = sign * static_cast<float>(view(window.x0, window.y0 + y));
-              kernels.row12(packed + 3, high, window.width - 1, sign, out + 1);
-            }
-          }
-        },
-        frame_);
-    std::fill(out + window.width, out + window.stride, 0.0f);
-  }
+  // Whole groups of floats, as far as the picture's row goes: what lies beyond a window's
+  // row is never looked at, but loaded.
+  const int left = width_ - window.x0;
+  const int count = std::min(left, static_cast<int>(window.stride - kAlign));
+  std::visit([&](const auto& view) { ReadRows(view, window, count, begin); }, frame_);
   return window;
 }
 

@@ -22,7 +22,7 @@ struct GreyWindow {
   int x0 = 0, y0 = 0;  ///< its first pixel's place in the picture
   int width = 0, height = 0;
   std::ptrdiff_t stride = 0;    ///< floats from row to row: a multiple of 16, more than width + 15
-  const float* data = nullptr;  ///< aligned to 64 bytes; what lies beyond a row's end is 0
+  const float* data = nullptr;  ///< aligned to 64 bytes; beyond a row's end stands anything
 
   const float* row(int y) const { return data + (y - y0) * stride; }
   float operator()(int x, int y) const { return row(y)[x - x0]; }
@@ -55,6 +55,10 @@ class WindowReader {
   GreyWindow Read(int x0, int y0, int x1, int y1);
 
  private:
+  void ReadRows(const ImageView8& view, const GreyWindow& window, int count, float* out) const;
+  void ReadRows(const ImageView16& view, const GreyWindow& window, int count, float* out) const;
+  void ReadRows(const Packed12View& view, const GreyWindow& window, int count, float* out) const;
+
   FrameView frame_;
   int sign_;
   InstructionSet set_;

@@ -8,16 +8,9 @@
 #include "videogrammetry/recognition/code_family.h"
 #include "videogrammetry/recognition/grey_window.h"
 #include "videogrammetry/recognition/options.h"
-#include "videogrammetry/recognition/ring_code.h"
-#include "videogrammetry/recognition/target_edge.h"
+#include "videogrammetry/recognition/target.h"
 
 namespace videogrammetry {
-
-/// A target found in a picture.
-struct Target {
-  TargetEdge edge;
-  RingReading ring;
-};
 
 /// Recognises the targets of one picture.
 ///

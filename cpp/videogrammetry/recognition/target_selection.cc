@@ -32,31 +32,35 @@ bool IsKnown(const Ellipse& dot, const std::vector<Target>& known, const PlaceIn
   });
 }
 
-RingPlaces::RingPlaces(const CodeFamily& family, const std::vector<Target>& targets)
-    : most_(family.ring_outer + kBeyondRing) {
-  for (const Target& target : targets) {
-    if (!HasRing(target)) continue;
-    const EllipseFrame frame = EllipseFrame::From(target.edge.ellipse);
-    const Ellipse& dot = target.edge.ellipse;
-    index_.Insert(dot.x_px, dot.y_px, static_cast<int>(owners_.size()));
-    owners_.push_back({frame.center, frame.shape.inverse(), dot.semi_minor_px});
-    reach_px_ = std::max(reach_px_, most_ * dot.semi_major_px);
-  }
+RingPlaces::RingPlaces(const CodeFamily& family, int width, int height)
+    : most_(family.ring_outer + kBeyondRing), index_(width, height) {}
+
+void RingPlaces::Add(const Target& target) {
+  if (!HasRing(target)) return;
+  const EllipseFrame frame = EllipseFrame::From(target.edge.ellipse);
+  const Ellipse& dot = target.edge.ellipse;
+  index_.Insert(dot.x_px, dot.y_px, static_cast<int>(owners_.size()));
+  owners_.push_back({frame.center, frame.shape.inverse(), dot.semi_minor_px});
+  reach_px_ = std::max(reach_px_, most_ * dot.semi_major_px);
 }
 
-bool RingPlaces::Holds(const Ellipse& dot) const {
+bool RingPlaces::Holds(const Eigen::Vector2d& center, double semi_minor_px) const {
   if (owners_.empty()) return false;
-  return index_.AnyNear(dot.x_px, dot.y_px, reach_px_, [&](int number) {
+  return index_.AnyNear(center.x(), center.y(), reach_px_, [&](int number) {
     const Owner& owner = owners_[static_cast<std::size_t>(number)];
-    const double radius =
-        (owner.inverse * (Eigen::Vector2d(dot.x_px, dot.y_px) - owner.center)).norm();
-    return radius > 1.0 && radius < most_ && dot.semi_minor_px < owner.semi_minor_px;
+    const double radius = (owner.inverse * (center - owner.center)).norm();
+    return radius > 1.0 && radius < most_ && semi_minor_px < owner.semi_minor_px;
   });
 }
 
-void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets) {
-  const RingPlaces rings(family, *targets);
-  std::erase_if(*targets, [&](const Target& target) { return rings.Holds(target.edge.ellipse); });
+void RemoveRingPieces(const CodeFamily& family, int width, int height,
+                      std::vector<Target>* targets) {
+  RingPlaces rings(family, width, height);
+  for (const Target& target : *targets) rings.Add(target);
+  std::erase_if(*targets, [&](const Target& target) {
+    const Ellipse& e = target.edge.ellipse;
+    return rings.Holds({e.x_px, e.y_px}, e.semi_minor_px);
+  });
 }
 
 void ResolveDuplicates(std::vector<Target>* targets) {

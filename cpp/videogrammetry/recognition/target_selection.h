@@ -5,7 +5,7 @@
 
 #include "videogrammetry/recognition/code_family.h"
 #include "videogrammetry/recognition/place_index.h"
-#include "videogrammetry/recognition/recognize.h"
+#include "videogrammetry/recognition/target.h"
 
 namespace videogrammetry {
 
@@ -16,8 +16,11 @@ bool IsKnown(const Ellipse& dot, const std::vector<Target>& known, const PlaceIn
 /// Where rings are: whether a dot lies in one and is smaller than the ring's own dot.
 class RingPlaces {
  public:
-  RingPlaces(const CodeFamily& family, const std::vector<Target>& targets);
-  bool Holds(const Ellipse& dot) const;
+  RingPlaces(const CodeFamily& family, int width, int height);  ///< of the picture
+
+  void Add(const Target& target);  ///< if it has a ring
+  /// @param semi_minor_px  of the dot that may be a piece of a ring.
+  bool Holds(const Eigen::Vector2d& center_px, double semi_minor_px) const;
 
  private:
   struct Owner {
@@ -33,7 +36,8 @@ class RingPlaces {
 };
 
 /// Leaves out what lies in another target's ring and is smaller than its dot.
-void RemoveRingPieces(const CodeFamily& family, std::vector<Target>* targets);
+void RemoveRingPieces(const CodeFamily& family, int width, int height,
+                      std::vector<Target>* targets);
 
 /// An ID that stands at several places of one picture: a reading clearly worse
 /// than the best is taken for wrong; equally clear rings keep the ID that they

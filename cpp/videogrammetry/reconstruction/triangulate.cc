@@ -7,6 +7,7 @@
 #include <string>
 
 #include "videogrammetry/core/thread_pool.h"
+#include "videogrammetry/reconstruction/circle_intersection.h"
 
 namespace videogrammetry {
 namespace {
@@ -224,9 +225,10 @@ std::vector<double> PointDerivatives(const Rig& rig, const MatchArrays& matches,
 
 TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
                                const RigCovariance& rig_covariance,
-                               const TriangulationOptions& options) {
+                               const TriangulationOptions& options, const CircleArrays& circles) {
   CheckArguments(rig, matches);
   CheckCovariance(rig, rig_covariance);
+  CheckCircles(circles, matches.offsets.size() - 1);
   const CalibrationPart calibration(rig, rig_covariance);
   const std::size_t count = matches.offsets.size() - 1;
   TriangulatedPoints points;
@@ -237,17 +239,38 @@ TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
   points.convergence_rad.assign(count, kNan);
   points.residual_px.assign(2 * matches.camera.size(), kNan);
   points.status.assign(count, 0);
+  if (!circles.empty()) {
+    points.normal.assign(3 * count, kNan);
+    points.cov_normal.assign(9 * count, kNan);
+    points.offset_px.assign(2 * matches.camera.size(), 0.0);
+    points.circle.assign(count, 0);
+  }
 
   auto one = [&](int index) {
     const auto i = static_cast<std::size_t>(index);
     const auto begin = static_cast<std::size_t>(matches.offsets[i]);
     const std::vector<Sighting> sightings = SightingsOf(matches, i);
     Intersection point;
-    const IntersectionStatus status = Intersect(rig, sightings, &point);
+    IntersectionStatus status = Intersect(rig, sightings, &point);
+    CircleIntersection circle;
+    if (status == IntersectionStatus::kOk && !circles.empty()) {
+      status =
+          IntersectCircle(rig, sightings, CircleOf(circles, i, begin, sightings), &point, &circle);
+    }
     points.status[i] = static_cast<std::uint8_t>(status);
+    if (!circles.empty()) {
+      points.circle[i] = static_cast<std::uint8_t>(circle.status);
+      Eigen::Map<Eigen::Vector3d>(&points.normal[3 * i]) = circle.normal;
+      Eigen::Map<RowMatrix3>(&points.cov_normal[9 * i]) = circle.cov_normal;
+      for (std::size_t k = 0; k < circle.offsets_px.size(); ++k) {
+        Eigen::Map<Eigen::Vector2d>(&points.offset_px[2 * (begin + k)]) = circle.offsets_px[k];
+      }
+    }
     if (status != IntersectionStatus::kOk) return;
-    Eigen::Map<Eigen::Vector3d>(&points.position_mm[3 * i]) = point.position_mm;
-    Eigen::Map<RowMatrix3>(&points.cov_image[9 * i]) = point.cov_mm2;
+    const Eigen::Vector3d moved = point.position_mm + circle.moved_mm;
+    Eigen::Map<Eigen::Vector3d>(&points.position_mm[3 * i]) = moved;
+    Eigen::Map<RowMatrix3>(&points.cov_image[9 * i]) =
+        circles.empty() ? point.cov_mm2 : circle.cov_mm2;
     points.chi2[i] = point.chi2;
     points.convergence_rad[i] = point.convergence_rad;
     for (std::size_t k = 0; k < sightings.size(); ++k) {

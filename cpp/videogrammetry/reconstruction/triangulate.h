@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "videogrammetry/geometry/circle_normal.h"
 #include "videogrammetry/geometry/intersection.h"
 
 namespace videogrammetry {
@@ -14,6 +15,29 @@ struct MatchArrays {
   std::span<const std::int32_t> camera;   ///< index into the rig
   const double* xy_px = nullptr;          ///< (M, 2); may stay null where pictures are not read
   const double* cov_px2 = nullptr;        ///< (M, 3): xx, xy, yy
+};
+
+/// Circles whose ellipses were measured, beside MatchArrays. Any pointer may be
+/// null: nothing known.
+struct CircleArrays {
+  const double* diameter_mm = nullptr;  ///< (P); NaN: its ellipses' centres are not corrected
+  const double* ellipse = nullptr;      ///< (M, 3): semi-major, semi-minor axis, angle
+  const double* ellipse_cov = nullptr;  ///< (M, 9): their covariance (px, px, rad)
+  const double* normal = nullptr;       ///< (P, 3) known unit normals; NaN: from the ellipses
+  const double* normal_cov = nullptr;   ///< (P, 9) of the known normals; null: exact
+  /// Height of the circle's plane over the object: points move by this much
+  /// against the normal that faces the cameras.
+  double thickness_mm = 0.0;
+
+  bool empty() const { return diameter_mm == nullptr && thickness_mm == 0; }
+};
+
+/// What was done about a point's circle.
+enum class CircleStatus {
+  kNone,       ///< nothing was asked for: no diameter, no thickness
+  kKnown,      ///< done, by a normal that was given
+  kEstimated,  ///< done, by the normal of the ellipses
+  kNoNormal    ///< not done: no normal, and no ellipse that says one
 };
 
 /// Options of the reconstruction.
@@ -30,6 +54,11 @@ struct TriangulatedPoints {
   std::vector<double> convergence_rad;  ///< (P)
   std::vector<double> residual_px;      ///< (M, 2) measured - adjusted
   std::vector<std::uint8_t> status;     ///< (P) IntersectionStatus
+  // Only where circles were given:
+  std::vector<double> normal;        ///< (P, 3) unit, towards the cameras; NaN: none
+  std::vector<double> cov_normal;    ///< (P, 3, 3)
+  std::vector<double> offset_px;     ///< (M, 2) ellipse's centre - picture of the centre; 0: none
+  std::vector<std::uint8_t> circle;  ///< (P) CircleStatus
 };
 
 /// What the calibration leaves uncertain, and in which frame that is stated.
@@ -64,10 +93,21 @@ Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches);
 /// that RigCovariance says. Errors of the calibration are common to all points
 /// of a rig; cov_rig is the part of one point alone.
 ///
-/// @throws std::invalid_argument on inconsistent sizes or a camera index out of range.
+/// Circles: with a diameter the residuals are those of the ellipses' centres
+/// (ProjectEllipseCenter), so that positions are those of the circles' centres.
+/// A normal that is uncertain is an observed unknown n0 + T d beside the point,
+/// common to its cameras: with Q the inverse of both unknowns' normal equations
+/// cov_image = Q_XX, which is what the correction adds and no more. With a
+/// thickness t the point moves to X - t n0, and
+///   cov_image = Q_XX - t (Q_Xd T^T + T Q_dX) + t^2 T C_n T^T.
+///
+/// @throws std::invalid_argument on inconsistent sizes, a camera index out of
+///     range, a diameter that is not positive, a known normal that is not of
+///     unit length or a thickness that is not finite.
 TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
                                const RigCovariance& rig_covariance = {},
-                               const TriangulationOptions& options = {});
+                               const TriangulationOptions& options = {},
+                               const CircleArrays& circles = {});
 
 /// Derivatives of given points by the parameters of all cameras: of every point
 /// a row-major (3, 16 K) block G - A M, 0 in the columns of cameras that do not

@@ -212,6 +212,31 @@ class Network:
             getattr(_adjustment.PointKind, kind.upper()),
         )
 
+    def set_circles(self, normal: npt.ArrayLike, diameter_mm: npt.ArrayLike) -> None:
+        """Say that points are centres of circles, whose ellipses' centres are observed.
+
+        Parameters
+        ----------
+        normal : (N, 3) unit normals in the object's frame, one a point of ``set_points``.
+        diameter_mm : (N,); a row that is not finite in either: the point is no circle.
+
+        Raises
+        ------
+        ValueError : a diameter that is not positive or a normal not of unit length.
+        """
+        normals, diameters = rows(normal, 3, "normal"), np.asarray(diameter_mm, dtype=float)
+        if diameters.shape != (len(normals),):
+            raise ValueError(f"diameter_mm: expected ({len(normals)},), got {diameters.shape}")
+        known = np.isfinite(normals).all(axis=1) & np.isfinite(diameters)
+        if (diameters[known] <= 0).any():
+            raise ValueError(
+                f"diameter_mm: expected > 0, got {diameters[known][diameters[known] <= 0][0]:g}"
+            )
+        self._network.set_circles(
+            np.where(known[:, None], normals, [0.0, 0.0, 1.0]),
+            np.where(known, 0.5 * diameters, 0.0),
+        )
+
     def set_observations(
         self,
         image: npt.ArrayLike,

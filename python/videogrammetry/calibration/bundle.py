@@ -32,7 +32,8 @@ class Bundle:
     ``camera_of``: the project's camera of each of the network's; ``outer``: the
     network pose of each camera in the rig (none where every picture has a pose
     of its own); ``pictures``: one a network image; ``stage_pose``: the network
-    pose of a stage.
+    pose of a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles
+    that the network knows, NaN for points that are none.
     """
 
     network: Network
@@ -40,6 +41,27 @@ class Bundle:
     outer: list[int]
     pictures: list[Picture] = field(default_factory=list)
     stage_pose: dict[int, int] = field(default_factory=dict)
+    circle_normal: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def set_circles(self, normal: FloatArray, diameter_mm: FloatArray) -> None:
+        """Have the network model the ellipses of these circles."""
+        self.circle_normal, self.circle_diameter_mm = normal, diameter_mm
+        self.network.set_circles(normal, diameter_mm)
+
+    def set_known_circles(self, target: PointSet, wanted: bool) -> None:
+        """The circles of the target's table, where it states both normal and diameter."""
+        n = len(target)
+        normal = np.full((n, 3), np.nan)
+        diameter = np.full(n, np.nan)
+        if wanted and target.normal is not None:
+            length = np.linalg.norm(target.normal, axis=1)
+            usable = np.isfinite(length) & (length > 0)
+            normal[usable] = target.normal[usable] / length[usable, None]
+        if wanted and target.diameter_mm is not None:
+            usable = np.isfinite(normal).all(axis=1)
+            diameter[usable] = target.diameter_mm[usable]
+        self.set_circles(normal, diameter)
 
     def network_camera(self, image: int) -> int:
         """The network's camera of a picture."""
@@ -83,6 +105,7 @@ def joint_bundle(
     rig_from_target: Mapping[int, Rigid],
     target: PointSet,
     target_cov: FloatArray,
+    eccentricity: bool = True,
 ) -> Bundle:
     """One pose a stage, one constant relative pose a camera, target coordinates observed."""
     network = Network()
@@ -102,6 +125,7 @@ def joint_bundle(
         )
         bundle.pictures.append(picture)
     network.set_points(target.id, target.position_mm, target_cov)
+    bundle.set_known_circles(target, eccentricity)
     bundle.set_observations()
     return bundle
 
@@ -113,6 +137,7 @@ def single_bundle(
     pictures: Sequence[Picture],
     cam_from_target: Mapping[int, Rigid],
     target: PointSet,
+    eccentricity: bool = True,
 ) -> Bundle:
     """One camera alone: a pose of its own for every picture, target points fixed (Eq. 5)."""
     network = Network()
@@ -124,6 +149,7 @@ def single_bundle(
         bundle.stage_pose[picture.stage] = pose
         bundle.pictures.append(picture)
     network.set_points(target.id, target.position_mm)
+    bundle.set_known_circles(target, eccentricity)
     bundle.set_observations()
     return bundle
 

@@ -35,6 +35,7 @@ def calibrate_joint(
         rig.rig_from_target,
         target,
         target_cov,
+        options.eccentricity,
     )
     f_given = [start.f_given for start in starts]
     solution = solve(bundle, cameras, f_given, target, options)

@@ -81,7 +81,9 @@ def _solve_camera(
     kept = list(pictures)
     f_given = [start.f_given] * len(cameras)
     while True:
-        bundle = single_bundle(cameras[index], index, start, kept, poses, target)
+        bundle = single_bundle(
+            cameras[index], index, start, kept, poses, target, options.eccentricity
+        )
         solution = solve(bundle, cameras, f_given, target, options)
         rms = _image_rms(bundle, solution)
         limit = options.max_image_rms_px or IMAGE_RMS_FACTOR * float(np.median(rms))

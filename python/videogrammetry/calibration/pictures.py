@@ -22,7 +22,8 @@ class Picture:
     """One camera's picture of one stage.
 
     ``point`` (n,) rows of the target's point list seen at ``xy_px`` (n, 2) with
-    ``cov_px2`` (n, 3); ``open_xy_px``, ``open_cov_px2``: targets without a number.
+    ``cov_px2`` (n, 3), their ellipses (n, 3) and (n, 3, 3), NaN where not known;
+    ``open_...``: targets without a number.
     """
 
     camera: int
@@ -33,6 +34,10 @@ class Picture:
     cov_px2: FloatArray
     open_xy_px: FloatArray
     open_cov_px2: FloatArray
+    ellipse: FloatArray
+    ellipse_cov: FloatArray
+    open_ellipse: FloatArray
+    open_ellipse_cov: FloatArray
 
     def __len__(self) -> int:
         return len(self.point)
@@ -64,6 +69,9 @@ def check_input(cameras: Sequence[CameraFrames], target: PointSet) -> None:
     if not np.isfinite(target.position_mm).all():
         bad = target.id[~np.isfinite(target.position_mm).all(axis=1)][0]
         raise ValueError(f"target: coordinates of point {bad} are not finite")
+    if target.diameter_mm is not None and (target.diameter_mm <= 0).any():
+        bad = target.id[target.diameter_mm <= 0][0]
+        raise ValueError(f"target: diameter_mm of point {bad} is not positive")
     for camera in cameras:
         stages = [frame.stage for frame in camera.frames]
         if len(set(stages)) != len(stages):
@@ -139,6 +147,7 @@ def _sort_frame(
             f"{frame.image}: {len(number)} ids, {len(xy)} positions, {len(cov)} covariances"
         )
     _check_covariance(frame.image, cov)
+    ellipse, ellipse_cov = _ellipses(frame, len(number))
     rejected = []
     finite = np.isfinite(xy).all(axis=1)
     values, counts = np.unique(number[(number >= 0) & finite], return_counts=True)
@@ -176,8 +185,22 @@ def _sort_frame(
         camera=camera, stage=frame.stage, image=frame.image,
         point=np.array(rows, np.int32), xy_px=xy[keep], cov_px2=cov[keep],
         open_xy_px=xy[no_number], open_cov_px2=cov[no_number],
+        ellipse=ellipse[keep], ellipse_cov=ellipse_cov[keep],
+        open_ellipse=ellipse[no_number], open_ellipse_cov=ellipse_cov[no_number],
     )  # fmt: skip
     return picture, rejected
+
+
+def _ellipses(frame: FrameTargets, count: int) -> tuple[FloatArray, FloatArray]:
+    if frame.ellipse is None or frame.ellipse_cov is None:
+        return np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    ellipse, cov = np.asarray(frame.ellipse, float), np.asarray(frame.ellipse_cov, float)
+    if ellipse.shape != (count, 3) or cov.shape != (count, 3, 3):
+        raise ValueError(
+            f"{frame.image}: expected ellipse ({count}, 3) and ellipse_cov ({count}, 3, 3), got "
+            f"{ellipse.shape} and {cov.shape}"
+        )
+    return ellipse, cov
 
 
 def _check_covariance(image: str, cov: FloatArray) -> None:

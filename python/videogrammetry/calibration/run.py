@@ -21,6 +21,8 @@ class FrameTargets:
     image : the picture's name, for messages and tables.
     id : (N,) the target's number, -1 = un-coded or not read.
     xy_px : (N, 2) centres. cov_px2 : (N, 3) xx, xy, yy.
+    ellipse : (N, 3) semi-major, semi-minor axis (px) and angle (rad), and
+        ellipse_cov : (N, 3, 3) their covariance; None where only centres are known.
     """
 
     stage: int
@@ -28,6 +30,8 @@ class FrameTargets:
     id: IntArray
     xy_px: FloatArray
     cov_px2: FloatArray
+    ellipse: FloatArray | None = None
+    ellipse_cov: FloatArray | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +72,10 @@ class CalibrationOptions:
         (bench/accuracy): at 2.0 a lens without A2, A3, E1, E2 keeps some by
         chance and lengths err up to three times as much; at 3.29 a lens that has
         all ten loses those that few pictures hardly show: up to half as much again.
+    eccentricity : model the ellipses' centres of points whose circle is known:
+        a diameter and a normal of the target's table, or a normal that the
+        ellipses tell. False: take them for the pictures of the circles' centres.
+    diameter_mm : of circles whose diameter the table does not state; None: unknown.
     num_threads : 0 = one a core.
     """
 
@@ -76,6 +84,8 @@ class CalibrationOptions:
     critical_value: float = 4.0
     max_image_rms_px: float | None = None
     significance: float = 2.58
+    eccentricity: bool = True
+    diameter_mm: float | None = None
     num_threads: int = 0
 
 

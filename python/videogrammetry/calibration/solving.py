@@ -15,6 +15,7 @@ from videogrammetry.calibration.bundle import (
     offered,
     offered_names,
 )
+from videogrammetry.calibration.circles import complete_circles
 from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
 from videogrammetry.calibration.uncoded import assign_uncoded, faces
@@ -75,13 +76,19 @@ def solve(
             bundle.network.set_free(index, offered_names(camera))
         adjustment = bundle.network.adjust(again, offered(own))
         dispersion = bundle.network.dispersion()
+    remarks: list[str] = []
+    if options.eccentricity:
+        changed, remarks = complete_circles(bundle, target, options.diameter_mm)
+        if changed:
+            adjustment = bundle.network.adjust(again, offered(own))
+            dispersion = bundle.network.dispersion()
     _check(bundle, adjustment, cameras, f_given)
     _check_facing(bundle, adjustment, target)
     rejected = dropped_rejections(adjustment, bundle.camera_of, names)
     rejected += observation_rejections(bundle, adjustment, names, target)
     return Solution(
         bundle=bundle, adjustment=adjustment, dispersion=dispersion, rejected=tuple(rejected),
-        warnings=tuple(_doubts(bundle, adjustment, cameras)),
+        warnings=(*_doubts(bundle, adjustment, cameras), *remarks),
     )  # fmt: skip
 
 

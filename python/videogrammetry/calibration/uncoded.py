@@ -62,6 +62,10 @@ def assign_uncoded(
                 point=np.concatenate([picture.point, unseen[visible][points]]),
                 xy_px=np.concatenate([picture.xy_px, picture.open_xy_px[targets]]),
                 cov_px2=np.concatenate([picture.cov_px2, picture.open_cov_px2[targets]]),
+                ellipse=np.concatenate([picture.ellipse, picture.open_ellipse[targets]]),
+                ellipse_cov=np.concatenate(
+                    [picture.ellipse_cov, picture.open_ellipse_cov[targets]]
+                ),
             )
         )
     return pictures

@@ -10,6 +10,7 @@ from videogrammetry.geometry.camera import (
     rotation_from_vector,
     vector_from_rotation,
 )
+from videogrammetry.geometry.circle import CircleNormals, ellipse_centres, estimate_normals
 from videogrammetry.geometry.rig import (
     CAMERA_PARAMETERS,
     full_covariance,
@@ -19,8 +20,11 @@ from videogrammetry.geometry.rig import (
 
 __all__ = [
     "CAMERA_PARAMETERS",
+    "CircleNormals",
     "camera_model",
     "default_r0_px",
+    "ellipse_centres",
+    "estimate_normals",
     "full_covariance",
     "nearest_rotation",
     "project",

@@ -90,7 +90,10 @@ def calibrate_by(
     runs = {}
     for method in methods:
         options = CalibrationOptions(
-            method=method, sigma_mm=project.calibration.sigma_mm, num_threads=num_threads
+            method=method,
+            sigma_mm=project.calibration.sigma_mm,
+            diameter_mm=project.targets.diameter_mm,
+            num_threads=num_threads,
         )
         progress(0, 1, "adjusting")
         runs[method] = _with_origin(calibrate(cameras, target, options), project, options, files)
@@ -138,6 +141,8 @@ def frame_targets(stage: int, image: str, targets: Targets) -> FrameTargets:
         cov_px2=np.stack(
             [targets.cov[:, 0, 0], targets.cov[:, 0, 1], targets.cov[:, 1, 1]], axis=1
         ),
+        ellipse=np.column_stack([targets.semi_axes_px, targets.angle_rad]),
+        ellipse_cov=targets.cov[:, 2:, 2:],
     )
 
 

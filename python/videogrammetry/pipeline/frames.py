@@ -47,7 +47,6 @@ def not_applied_yet(project: Project) -> list[str]:
     """A warning for every setting of the project that is read but changes nothing yet."""
     settings = {
         "[calibration] scale_bars": project.calibration.scale_bars is not None,
-        "[targets] thickness_mm": project.targets.thickness_mm != 0,
         "[stability] points": project.stability.points is not None,
     }
     return [

@@ -14,6 +14,7 @@ from videogrammetry.errors import MeasurementError, ProjectFileError
 from videogrammetry.geometry import select_cameras
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, compute_motion
+from videogrammetry.pipeline.eccentricity import circle_summary
 from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
@@ -51,6 +52,7 @@ def measure_frames(
     matching: MatchingOptions | None = None,
     motion: MotionOptions | None = None,
     diameter_mm: float | None = None,
+    thickness_mm: float = 0.0,
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> Measurement:
@@ -67,8 +69,11 @@ def measure_frames(
     frame_rate_hz : None: times and velocities stay empty.
     stages : first and last stage, inclusive, from 1; None: all.
     recognition, matching, motion : options; None: the defaults.
-    diameter_mm : of all targets' circles: what has another size is left out. None:
-        not looked at.
+    diameter_mm : of all targets' circles: what has another size is left out, and
+        positions are those of the circles' centres instead of the ellipses'. None:
+        neither.
+    thickness_mm : height of the circles over the object: positions move by it from
+        the stickers' surface into the object.
     progress : told about each stage.
     num_threads : stages at a time; 0 = one a core.
 
@@ -84,7 +89,8 @@ def measure_frames(
     rig = _rig_in_order(rig, sources)
     first, last = stages or (1, check_same_length(sources))
     stage = np.arange(first, last + 1, dtype=np.int32)
-    stage_options = (recognition, matching, diameter_mm)
+    _check_circles(diameter_mm, thickness_mm)
+    stage_options = (recognition, matching, diameter_mm, thickness_mm)
     results = _measure_stages(rig, sources, stage, stage_options, progress, num_threads)
     numbers = link_stages([r.points for r in results], first_free_id(recognition))
     if not any(len(n) for n in numbers):
@@ -99,6 +105,8 @@ def measure_frames(
         "matching": matching,
         "motion": motion,
         "diameter_mm": diameter_mm,
+        "thickness_mm": thickness_mm,
+        "eccentricity": circle_summary([r.points for r in results]),
     }
     return Measurement(
         trajectories=trajectories,
@@ -112,22 +120,29 @@ def measure_frames(
     )
 
 
+def _check_circles(diameter_mm: float | None, thickness_mm: float) -> None:
+    if diameter_mm is not None and not (np.isfinite(diameter_mm) and diameter_mm > 0):
+        raise ValueError(f"diameter_mm: expected a positive length, got {diameter_mm}")
+    if not (np.isfinite(thickness_mm) and thickness_mm >= 0):
+        raise ValueError(f"thickness_mm: expected 0 or more, got {thickness_mm}")
+
+
 def _measure_stages(
     rig: RigData,
     sources: Mapping[str, FrameSource],
     stage: IntArray,
-    options: tuple[RecognitionOptions, MatchingOptions, float | None],
+    options: tuple[RecognitionOptions, MatchingOptions, float | None, float],
     progress: Progress,
     num_threads: int,
 ) -> list[StageResult]:
     """Every stage by itself, several at a time."""
-    recognition, matching, diameter_mm = options
+    recognition, matching, diameter_mm, thickness_mm = options
     triangulator = Triangulator(rig)
     field = CalibrationField(triangulator)
 
     def work(index: int) -> StageResult:
         targets = [read_and_recognize(source, index, recognition) for source in sources.values()]
-        return measure_stage(triangulator, targets, matching, field, diameter_mm)
+        return measure_stage(triangulator, targets, matching, field, diameter_mm, thickness_mm)
 
     results: list[StageResult] = []
     for result in map_bounded(work, (stage - 1).tolist(), num_threads):
@@ -174,6 +189,7 @@ def measure_project(
         recognition=recognition,
         motion=MotionOptions(reference_stage=reference_stage(project, stages)),
         diameter_mm=project.targets.diameter_mm,
+        thickness_mm=project.targets.thickness_mm,
         progress=progress,
         num_threads=num_threads,
     )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from videogrammetry.errors import MeasurementError
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions, image_covariance, match_stage
 from videogrammetry.pipeline.circle_size import SizeCheck, check_size, size_remark
+from videogrammetry.pipeline.eccentricity import circle_remarks, possible_eccentricity
 from videogrammetry.pipeline.facing import check_facing
 from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
 from videogrammetry.types import IntArray, Matches, StagePoints, TargetRecords, Targets
@@ -19,12 +20,17 @@ from videogrammetry.types import IntArray, Matches, StagePoints, TargetRecords, 
 
 @dataclass(frozen=True)
 class StageResult:
-    """One stage: what was seen, matched and reconstructed; ``size`` where it was looked at."""
+    """One stage: what was seen, matched and reconstructed.
+
+    ``size`` where it was looked at; ``without_normal``: matches left out because a
+    thickness was to be taken off and no ellipse said a normal.
+    """
 
     targets: tuple[Targets, ...]
     matches: Matches
     points: StagePoints
     size: SizeCheck | None = None
+    without_normal: int = 0
 
 
 def measure_stage(
@@ -33,29 +39,43 @@ def measure_stage(
     options: MatchingOptions | None = None,
     field: CalibrationField | None = None,
     diameter_mm: float | None = None,
+    thickness_mm: float = 0.0,
 ) -> StageResult:
     """Match and reconstruct the targets of one stage, one ``Targets`` a camera.
 
     With ``diameter_mm``, sightings of another size than circles of that
     diameter have at their place are left out: sectors of a ring whose dot is
-    hidden, dots hidden in part.
+    hidden, dots hidden in part; and points are the circles' centres, which are not
+    where the ellipses' centres say. With ``thickness_mm`` they move by that much
+    from the stickers' surface into the object.
     """
     rig = triangulator.rig
     field = field or CalibrationField(triangulator)
     uncertain = [field.covariance(i, t.centre_px) for i, t in enumerate(targets)]
+    if diameter_mm is not None:
+        uncertain = [
+            extra + possible_eccentricity(camera, t)
+            for extra, camera, t in zip(uncertain, rig.cameras.values(), targets, strict=True)
+        ]
     matches = check_facing(rig, targets, match_stage(rig, targets, options, uncertain))
     cov = [
         image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
         for name, t in zip(rig.cameras, targets, strict=True)
     ]
     centres = [t.centre_px for t in targets]
-    points = reconstruct_stage(triangulator, matches, centres, cov)
-    if diameter_mm is None:
-        return StageResult(tuple(targets), matches, points)
-    size = check_size(rig, targets, matches, points, diameter_mm)
-    if size.matches is not matches:
-        points = reconstruct_stage(triangulator, size.matches, centres, cov)
-    return StageResult(tuple(targets), size.matches, points, size)
+    size = None
+    if diameter_mm is not None:
+        points = reconstruct_stage(triangulator, matches, centres, cov)
+        size = check_size(rig, targets, matches, points, diameter_mm)
+        matches = size.matches
+    points = reconstruct_stage(
+        triangulator, matches, centres, cov, targets, diameter_mm, thickness_mm
+    )
+    lost = 0
+    if thickness_mm != 0:
+        plain = reconstruct_stage(triangulator, matches, centres, cov)
+        lost = max(len(plain) - len(points), 0)
+    return StageResult(tuple(targets), matches, points, size, lost)
 
 
 def status_counts(results: Sequence[StageResult]) -> dict[str, int]:
@@ -109,6 +129,9 @@ def stage_warnings(
     remark = _of_size(results, diameter_mm)
     if remark is not None:
         warnings.append(remark)
+    warnings += circle_remarks(
+        [r.points for r in results], diameter_mm, sum(r.without_normal for r in results)
+    )
     for number, result in zip(stage.tolist(), results, strict=True):
         met, missed = _coded_ends(result).sum(axis=0).tolist()
         if missed >= _MIN_CODED and missed > met:

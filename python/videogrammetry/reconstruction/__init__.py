@@ -3,15 +3,19 @@
 from videogrammetry.reconstruction.field import CalibrationField
 from videogrammetry.reconstruction.rig import Rig
 from videogrammetry.reconstruction.triangulate import (
+    CIRCLE_STATUS,
     TRIANGULATION_STATUS,
+    Circles,
     Triangulator,
     reconstruct_stage,
     triangulate,
 )
 
 __all__ = [
+    "CIRCLE_STATUS",
     "TRIANGULATION_STATUS",
     "CalibrationField",
+    "Circles",
     "Rig",
     "Triangulator",
     "reconstruct_stage",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from videogrammetry.geometry import full_covariance, project, rig_model
 from videogrammetry.types import StagePoints
 
 if TYPE_CHECKING:
-    from videogrammetry.types import FloatArray, IntArray, Matches, RigData
+    from videogrammetry.types import FloatArray, IntArray, Matches, RigData, Targets
 
 # A frame has six degrees of freedom: three points fix it, more make it typical.
 _MIN_FRAME_POINTS = 3
@@ -25,7 +26,43 @@ TRIANGULATION_STATUS = (
     "parallel rays",
     "behind a camera",
     "not converged",
+    "no normal",
 )
+
+#: What was done about a point's circle, by its ``circle``.
+CIRCLE_STATUS = ("not asked", "normal given", "normal of the ellipses", "no normal")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circles:
+    """Circles whose ellipses were measured: what :class:`Triangulator` takes beside the centres.
+
+    Attributes
+    ----------
+    diameter_mm : (P,) or one number; None or NaN: centres are not corrected.
+    ellipse : (M, 3) semi-major, semi-minor axis (px) and angle (rad); None: none.
+    ellipse_cov : (M, 3, 3) their covariance.
+    normal : (P, 3) known unit normals, NaN rows: from the ellipses; None: all so.
+    normal_cov : (P, 3, 3) of the known normals; None: exact.
+    thickness_mm : the circles' height over the object: points move by this much
+        against the normal that faces the cameras; 0: they stay.
+    """
+
+    diameter_mm: npt.ArrayLike | None = None
+    ellipse: npt.ArrayLike | None = None
+    ellipse_cov: npt.ArrayLike | None = None
+    normal: npt.ArrayLike | None = None
+    normal_cov: npt.ArrayLike | None = None
+    thickness_mm: float = 0.0
+
+    def arguments(self, count: int) -> tuple[FloatArray | float, ...]:
+        """As the extension takes them, for ``count`` points; empty arrays for what is not known."""
+        diameter = np.empty(0)
+        if self.diameter_mm is not None:
+            diameter = np.broadcast_to(np.asarray(self.diameter_mm, dtype=float), count)
+        others = (self.ellipse, self.ellipse_cov, self.normal, self.normal_cov)
+        arrays = [np.empty(0) if a is None else np.asarray(a, dtype=float) for a in others]
+        return (*(np.ascontiguousarray(a) for a in (diameter, *arrays)), float(self.thickness_mm))
 
 
 class Triangulator:
@@ -67,8 +104,10 @@ class Triangulator:
         camera: npt.ArrayLike,
         xy_px: npt.ArrayLike,
         cov_px2: npt.ArrayLike,
+        circles: Circles | None = None,
     ) -> Mapping[str, FloatArray]:
         """Triangulate; arguments and result as :func:`triangulate`."""
+        count = max(len(np.asarray(offsets)) - 1, 0)
         result: Mapping[str, FloatArray] = _reconstruction.triangulate(
             self._model,
             np.ascontiguousarray(offsets, dtype=np.int64),
@@ -78,6 +117,7 @@ class Triangulator:
             self._cov,
             self.frame_by_parameters,
             self._num_threads,
+            *(circles or Circles()).arguments(count),
         )
         return result
 
@@ -163,6 +203,7 @@ def triangulate(
     xy_px: npt.ArrayLike,
     cov_px2: npt.ArrayLike,
     num_threads: int = 1,
+    circles: Circles | None = None,
 ) -> Mapping[str, FloatArray]:
     """Triangulate points from flat arrays of sightings; see :class:`Triangulator`.
 
@@ -176,13 +217,19 @@ def triangulate(
     xy_px : (M, 2) measured image points.
     cov_px2 : (M, 3) covariance xx, xy, yy.
     num_threads : 0 = one a core.
+    circles : of circles the ellipses, so that positions are those of the
+        circles' centres, with what the normals' uncertainty adds in
+        ``cov_image_mm2``; see :class:`Circles`.
 
     Returns
     -------
     dict of arrays
         ``position_mm (P, 3)``, ``cov_image_mm2`` and ``cov_rig_mm2 (P, 3, 3)``,
         ``chi2 (P,)``, ``convergence_rad (P,)``, ``residual_px (M, 2)``,
-        ``status (P,)`` by ``TRIANGULATION_STATUS``; NaN where it failed.
+        ``status (P,)`` by ``TRIANGULATION_STATUS``; NaN where it failed. With
+        ``circles`` also ``normal (P, 3)`` and ``cov_normal (P, 3, 3)``,
+        ``offset_px (M, 2)`` from the circle's centre to the ellipse's and
+        ``circle (P,)`` by ``CIRCLE_STATUS``.
 
     Examples
     --------
@@ -196,7 +243,7 @@ def triangulate(
     >>> points["position_mm"].round(6).tolist()
     [[10.0, 0.0, 1000.0]]
     """
-    return Triangulator(rig, num_threads=num_threads)(offsets, camera, xy_px, cov_px2)
+    return Triangulator(rig, num_threads=num_threads)(offsets, camera, xy_px, cov_px2, circles)
 
 
 def reconstruct_stage(
@@ -204,10 +251,16 @@ def reconstruct_stage(
     matches: Matches,
     xy_px: Sequence[FloatArray],
     cov_px2: Sequence[FloatArray],
+    targets: Sequence[Targets] | None = None,
+    diameter_mm: float | None = None,
+    thickness_mm: float = 0.0,
 ) -> StagePoints:
     """The points of a stage's matches; one array (N, 2) and (N, 3) a camera.
 
-    Matches that cannot be triangulated are left out.
+    With ``diameter_mm`` or ``thickness_mm`` the ellipses of ``targets`` give the
+    circles' normals, and points are the circles' centres, moved by the thickness
+    against the normal. Matches that cannot be triangulated are left out, with a
+    thickness also those without a normal.
     """
     target: IntArray = matches.target
     point, camera = np.nonzero(target >= 0)
@@ -219,7 +272,21 @@ def reconstruct_stage(
         here = camera == c
         xy[here] = xy_px[c][index[here]]
         cov[here] = cov_px2[c][index[here]]
-    result = triangulator(offsets, camera, xy, cov)
+    circles = None
+    if targets is not None and len(point) and (diameter_mm is not None or thickness_mm != 0):
+        ellipse, ellipse_cov = np.empty((len(point), 3)), np.empty((len(point), 3, 3))
+        for c, seen in enumerate(targets):
+            here = camera == c
+            ellipse[here, :2] = seen.semi_axes_px[index[here]]
+            ellipse[here, 2] = seen.angle_rad[index[here]]
+            ellipse_cov[here] = seen.cov[index[here], 2:, 2:]
+        circles = Circles(
+            diameter_mm=diameter_mm,
+            ellipse=ellipse,
+            ellipse_cov=ellipse_cov,
+            thickness_mm=thickness_mm,
+        )
+    result = triangulator(offsets, camera, xy, cov, circles)
     residual = np.full((*target.shape, 2), np.nan)
     residual[point, camera] = result["residual_px"]
     ok = result["status"] == 0
@@ -233,4 +300,20 @@ def reconstruct_stage(
         chi2=result["chi2"][ok],
         convergence_rad=result["convergence_rad"][ok],
         residual_px=residual[ok],
+        **({} if circles is None else _circle_fields(result, offsets, diameter_mm)),
     )
+
+
+def _circle_fields(
+    result: Mapping[str, FloatArray], offsets: npt.NDArray[np.int64], diameter_mm: float | None
+) -> dict[str, FloatArray]:
+    """What is known of the circles of the points that were triangulated."""
+    ok = result["status"] == 0
+    # Every match has sightings, so that no part of reduceat is empty.
+    largest = np.maximum.reduceat(np.linalg.norm(result["offset_px"], axis=1), offsets[:-1])
+    corrected = np.isin(result["circle"], (1, 2)) & (diameter_mm is not None)
+    return {
+        "normal": result["normal"][ok],
+        "cov_normal": result["cov_normal"][ok],
+        "eccentricity_px": np.where(corrected, largest, np.nan)[ok],
+    }

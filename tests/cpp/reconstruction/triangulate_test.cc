@@ -226,5 +226,150 @@ TEST(Triangulate, RefusesInconsistentArrays) {
                std::invalid_argument);
 }
 
+/// A circle before `Pair`, its ellipses' centres and shapes as both cameras see them.
+struct CircleScene {
+  Rig rig = Pair();
+  Arrays arrays;
+  Eigen::Vector3d center{300, -200, 12000};
+  Eigen::Vector3d normal;
+  double diameter = 0;
+  std::vector<double> ellipse, ellipse_cov;
+
+  CircleScene(double diameter_mm, double tilt, double azimuth) : diameter(diameter_mm) {
+    for (OrientedCamera& c : rig) c.camera.interior.tail<7>().setZero();
+    normal = {std::sin(tilt) * std::cos(azimuth), std::sin(tilt) * std::sin(azimuth),
+              -std::cos(tilt)};
+    for (int c = 0; c < 2; ++c) {
+      const OrientedCamera& camera = rig[static_cast<std::size_t>(c)];
+      const Circle in_cam{camera.cam_from_world * center, camera.cam_from_world.rotation * normal,
+                          0.5 * diameter};
+      const Eigen::Vector2d pixel = *ProjectEllipseCenter(camera.camera, in_cam);
+      const Eigen::Vector3d s = *ProjectedShape(in_cam) * std::pow(camera.camera.f_px(), 2);
+      // The ellipse of the shape S: its conic's upper-left block is S^-1.
+      Eigen::Matrix3d conic = Eigen::Vector3d(0, 0, -1).asDiagonal();
+      conic.topLeftCorner<2, 2>() =
+          (Eigen::Matrix2d() << s[0], s[1], s[1], s[2]).finished().inverse();
+      const Ellipse e = *EllipseFromConic(conic);
+      arrays.camera.push_back(c);
+      arrays.xy.insert(arrays.xy.end(), {pixel.x(), pixel.y()});
+      arrays.cov.insert(arrays.cov.end(), {2.5e-5, 0.0, 2.5e-5});
+      ellipse.insert(ellipse.end(), {e.semi_major_px, e.semi_minor_px, e.angle_rad});
+      const double turn = 0.01 * e.semi_major_px /
+                          (std::pow(e.semi_major_px, 2) - std::pow(e.semi_minor_px, 2) + 1e-3);
+      ellipse_cov.insert(ellipse_cov.end(), {1e-4, 0, 0, 0, 1e-4, 0, 0, 0, turn * turn});
+    }
+    arrays.offsets.push_back(2);
+  }
+
+  CircleArrays Measured() const {
+    CircleArrays circles;
+    circles.diameter_mm = &diameter;
+    circles.ellipse = ellipse.data();
+    circles.ellipse_cov = ellipse_cov.data();
+    return circles;
+  }
+  void AddNoise(std::mt19937* random) {
+    std::normal_distribution<double> unit;
+    for (double& x : arrays.xy) x += 0.005 * unit(*random);
+    for (std::size_t k = 0; k < ellipse.size(); ++k) {
+      ellipse[k] += std::sqrt(ellipse_cov[9 * (k / 3) + 4 * (k % 3)]) * unit(*random);
+    }
+  }
+};
+
+Eigen::Vector3d PositionOf(const TriangulatedPoints& points) {
+  return Eigen::Map<const Eigen::Vector3d>(points.position_mm.data());
+}
+
+TEST(TriangulateCircles, TheCentreComesBack) {
+  for (const double tilt : {0.0, 0.4, 0.9}) {
+    const CircleScene scene(140, tilt, 0.6);
+    const auto plain = Triangulate(scene.rig, scene.arrays.View());
+    const auto with = Triangulate(scene.rig, scene.arrays.View(), {}, {}, scene.Measured());
+    ASSERT_EQ(with.status[0], 0) << tilt;
+    EXPECT_EQ(with.circle[0], static_cast<int>(CircleStatus::kEstimated));
+    // A normal right to 1e-4 rad leaves 1e-4 of an offset of 0.09 px, 4.5 mm a pixel and
+    // twice that in depth.
+    EXPECT_LT((PositionOf(with) - scene.center).norm(), 1e-3) << tilt;
+    if (tilt > 0) {
+      EXPECT_GT((PositionOf(plain) - scene.center).norm(), 0.05) << tilt;
+    }
+    CircleArrays known = scene.Measured();
+    known.ellipse = nullptr;
+    known.normal = scene.normal.data();
+    const auto given = Triangulate(scene.rig, scene.arrays.View(), {}, {}, known);
+    EXPECT_EQ(given.circle[0], static_cast<int>(CircleStatus::kKnown));
+    EXPECT_LT((PositionOf(given) - scene.center).norm(), 1e-6) << tilt;
+  }
+}
+
+TEST(TriangulateCircles, ThicknessMovesAlongTheNormal) {
+  CircleScene scene(140, 0.5, 0.6);
+  CircleArrays circles = scene.Measured();
+  circles.thickness_mm = 2;
+  const auto moved = Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles);
+  EXPECT_LT((PositionOf(moved) - (scene.center - 2 * scene.normal)).norm(), 2e-3);
+  // A normal given from behind is turned round.
+  const Eigen::Vector3d behind = -scene.normal;
+  circles.normal = behind.data();
+  const auto turned = Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles);
+  EXPECT_LT((PositionOf(turned) - (scene.center - 2 * scene.normal)).norm(), 1e-6);
+  // Nothing that says a normal: with a thickness the point is refused, without it stays.
+  circles.normal = circles.ellipse = nullptr;
+  EXPECT_EQ(Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles).status[0],
+            static_cast<int>(IntersectionStatus::kNoNormal));
+  circles.thickness_mm = 0;
+  const auto left = Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles);
+  EXPECT_EQ(left.status[0], 0);
+  EXPECT_EQ(left.circle[0], static_cast<int>(CircleStatus::kNoNormal));
+}
+
+// Normalised errors of N draws, three degrees of freedom: mean 3, its deviation
+// sqrt(6 / N); 10 % for the normal's covariance, which is of first order. Thickness 30:
+// the normal's part is then as large as the noise's.
+TEST(TriangulateCircles, CovarianceHoldsByMonteCarlo) {
+  constexpr int kDraws = 1500;
+  for (const double tilt : {0.3, 0.9}) {
+    for (const double thickness : {0.0, 30.0}) {
+      std::mt19937 random(3);
+      double sum = 0, chi2 = 0;
+      for (int i = 0; i < kDraws; ++i) {
+        CircleScene scene(140, tilt, 0.6);
+        scene.AddNoise(&random);
+        CircleArrays circles = scene.Measured();
+        circles.thickness_mm = thickness;
+        const auto points = Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles);
+        ASSERT_EQ(points.status[0], 0) << "seed 3, draw " << i;
+        const Eigen::Vector3d off = PositionOf(points) - (scene.center - thickness * scene.normal);
+        const Eigen::Map<const Eigen::Matrix3d> cov(points.cov_image.data());
+        sum += off.dot(cov.inverse() * off);
+        chi2 += points.chi2[0];
+      }
+      // The shapes' chi2, 3 degrees of freedom, enlarges every second covariance a little:
+      // E[1 / max(1, chi2 / 3)] = 0.82 of the normal's part where it is all.
+      EXPECT_LT(sum / kDraws, 3 + 5 * std::sqrt(6.0 / kDraws) + 0.3) << tilt << " " << thickness;
+      EXPECT_GT(sum / kDraws, 3 * 0.75 - 5 * std::sqrt(6.0 / kDraws)) << tilt << " " << thickness;
+      EXPECT_NEAR(chi2 / kDraws, 1, 5 * std::sqrt(2.0 / kDraws)) << tilt << " " << thickness;
+    }
+  }
+}
+
+TEST(TriangulateCircles, BadInputIsNamed) {
+  CircleScene scene(140, 0.5, 0.6);
+  for (const double diameter : {-1.0, 0.0, std::numeric_limits<double>::infinity()}) {
+    scene.diameter = diameter;
+    EXPECT_THROW(Triangulate(scene.rig, scene.arrays.View(), {}, {}, scene.Measured()),
+                 std::invalid_argument);
+  }
+  scene.diameter = 140;
+  CircleArrays circles = scene.Measured();
+  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
+  circles.normal = zero.data();
+  EXPECT_THROW(Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles), std::invalid_argument);
+  circles = scene.Measured();
+  circles.thickness_mm = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(Triangulate(scene.rig, scene.arrays.View(), {}, {}, circles), std::invalid_argument);
+}
+
 }  // namespace
 }  // namespace videogrammetry

@@ -200,3 +200,41 @@ def test_a_swapped_pair_is_named_though_the_other_is_right() -> None:
 def test_cameras_all_swapped_are_refused() -> None:
     with pytest.raises(MeasurementError, match="of 48 coded targets"):
         refuse_senseless([swapped([(0, 1), (2, 3)])])
+
+
+def test_stickers_are_taken_off_along_their_normals() -> None:
+    # Circles that face each pair, 2 mm over the object.
+    def facing(c: int) -> Targets:
+        seen = sighted(c, DIAMETER_MM)
+        round_axes = np.repeat(seen.semi_axes_px[:, :1], 2, axis=1)
+        return dataclasses.replace(seen, semi_axes_px=round_axes, id=CODES + 20 * (c // 2))
+
+    targets = [facing(c) for c in range(4)]
+    plain = measure_stage(Triangulator(RIG), targets, diameter_mm=DIAMETER_MM)
+    moved = measure_stage(Triangulator(RIG), targets, diameter_mm=DIAMETER_MM, thickness_mm=2.0)
+    assert len(moved.points) == len(plain.points) >= 12
+    assert moved.without_normal == 0
+    step = moved.points.position_mm - plain.points.position_mm
+    assert step == pytest.approx(-2 * moved.points.normal, abs=1e-9)
+    assert np.isfinite(moved.points.eccentricity_px).all()
+    for k, c in enumerate(RIG.cameras.values()):
+        mine = moved.points.target[:, k] >= 0
+        away = moved.points.position_mm[mine] - c.centre_mm
+        assert (np.sum(away * step[mine], axis=1) > 0).all()
+    trace = np.trace(moved.points.cov_image_mm2, axis1=1, axis2=2)
+    assert (trace > np.trace(plain.points.cov_image_mm2, axis1=1, axis2=2)).all()
+
+
+def test_what_has_no_ellipse_is_counted() -> None:
+    targets = [
+        dataclasses.replace(t, cov=np.where(np.eye(5) > 0, t.cov, 0.0)) for t in
+        (sighted(c, DIAMETER_MM) for c in range(4))
+    ]  # fmt: skip
+    for t in targets:
+        t.cov[:, 4, 4] = t.cov[:, 3, 3] = np.nan
+    result = measure_stage(Triangulator(RIG), targets, diameter_mm=DIAMETER_MM)
+    said = stage_warnings([result], np.array([1]), NAMES, DIAMETER_MM)
+    assert [w for w in said if "12 of 12 positions are not corrected" in w]
+    lost = measure_stage(Triangulator(RIG), targets, thickness_mm=1.0)
+    assert len(lost.points) == 0
+    assert lost.without_normal == 12

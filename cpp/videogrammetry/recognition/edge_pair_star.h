@@ -1,0 +1,176 @@
+#pragma once
+
+// Private to the edge-pair search: what a bright area looks like from its middle.
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include "videogrammetry/recognition/edge_pair_samples.h"
+
+namespace videogrammetry::edge_pair {
+
+/// Values of a picture in one storage, without a call or a decision a sample.
+template <Storage kStorage>
+class Samples {
+ public:
+  explicit Samples(const SampleRows& rows)
+      : data_(rows.data),
+        stride_(rows.stride_bytes),
+        width_(rows.width),
+        height_(rows.height),
+        flip_(rows.flip) {}
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+
+  /// Bytes from a row's begin to sample x, which is even.
+  std::ptrdiff_t BytesTo(int x) const {
+    return kStorage == kBytes ? x : kStorage == kWords ? 2 * x : x / 2 * 3;
+  }
+
+  int operator()(int x, int y) const {
+    const std::uint8_t* row = data_ + y * stride_;
+    if constexpr (kStorage == kBytes) {
+      return row[x] ^ flip_;
+    } else if constexpr (kStorage == kWords) {
+      return reinterpret_cast<const std::uint16_t*>(row)[x] ^ flip_;
+    } else {
+      // Two bytes hold a sample: at 3 x / 2, from the upper or the lower half byte on.
+      const std::uint8_t* b = row + (3 * x >> 1);
+      const int odd = x & 1;
+      if constexpr (kStorage == kPackedHighFirst) {
+        return ((((b[0] << 8) | b[1]) >> (odd ? 0 : 4)) & 0xfff) ^ flip_;
+      } else {
+        return ((((b[1] << 8) | b[0]) >> (odd ? 4 : 0)) & 0xfff) ^ flip_;
+      }
+    }
+  }
+
+ private:
+  const std::uint8_t* data_;
+  std::ptrdiff_t stride_;
+  int width_, height_, flip_;
+};
+
+/// An ellipse as n^T S n = 1 / r(n)^2 about its centre.
+struct Star {
+  float x = 0.0f, y = 0.0f;
+  float sxx = 0.0f, sxy = 0.0f, syy = 0.0f;
+};
+
+/// Where a bright area ends in eight directions from its middle.
+///
+/// From (x, y) the way leads to the middle of the area's extent above and below, and
+/// there to that of its extent to both sides. About this point an ellipse ends alike in
+/// opposite directions, and its half diameters r obey
+///
+///     1 / r(0)^2 + 1 / r(90)^2 = 1 / r(45)^2 + 1 / r(135)^2 = tr S,          (1)
+///
+/// 1 and 2 for a square upright, 2 and 1 for one on its corner.
+template <Storage kStorage>
+class StarLook {
+ public:
+  StarLook(const Samples<kStorage>& samples, int max_extent_px)
+      : samples_(samples), max_extent_(max_extent_px) {}
+
+  /// @param length_px  of a chord through (x, y) along the row.
+  std::optional<Star> Look(int x, int y, int level, int length_px) const {
+    // Half of five times the chord: minor / major >= 0.2.
+    int most = Most(length_px);
+    const float up = Extent(x, y, 0, -1, level, most);
+    if (up < 0.0f) return std::nullopt;
+    const float down = Extent(x, y, 0, 1, level, most);
+    if (down < 0.0f) return std::nullopt;
+    y += Shift(up, down);
+    if (samples_(x, y) < level) return std::nullopt;
+    most = Most(static_cast<int>(up + down) + 1);
+    const float left = Extent(x, y, -1, 0, level, most);
+    if (left < 0.0f) return std::nullopt;
+    const float right = Extent(x, y, 1, 0, level, most);
+    if (right < 0.0f) return std::nullopt;
+    x += Shift(left, right);
+    if (samples_(x, y) < level) return std::nullopt;
+    return FromMiddle(x, y, level, most);
+  }
+
+ private:
+  /// Steps by which a half diameter may be longer than its opposite, and the part of their
+  /// sum; and how far the sides of Eq. (1) may differ, as a part of their sum.
+  static constexpr float kUnlikePx = 2.0f, kUnlike = 0.1f, kUneven = 0.18f, kUnevenPx = 0.4f;
+
+  int Most(int length) const {
+    const int most = 5 * length / 2 + 4;
+    return most < max_extent_ ? most : max_extent_;
+  }
+  static int Shift(float back, float ahead) {
+    return static_cast<int>(std::floor(0.5f * (ahead - back) + 0.5f));
+  }
+
+  /// Steps to where the values fall below the level, between two pixels on a straight
+  /// line; -1 if that is further than `most` or beyond the picture.
+  float Extent(int x, int y, int dx, int dy, int level, int most) const {
+    int steps = most + 1;
+    if (dx != 0) steps = std::min(steps, dx > 0 ? samples_.width() - 1 - x : x);
+    if (dy != 0) steps = std::min(steps, dy > 0 ? samples_.height() - 1 - y : y);
+    int inside = samples_(x, y);
+    for (int k = 1; k <= steps; ++k) {
+      x += dx;
+      y += dy;
+      const int value = samples_(x, y);
+      if (value < level) {
+        return static_cast<float>(k - 1) +
+               static_cast<float>(inside - level) / static_cast<float>(inside - value);
+      }
+      inside = value;
+    }
+    return -1.0f;
+  }
+
+  struct Diameter {
+    float half = -1.0f, middle = 0.0f;  ///< in steps
+  };
+
+  Diameter Across(int x, int y, int dx, int dy, int level, int most) const {
+    const float back = Extent(x, y, -dx, -dy, level, most);
+    if (back < 0.0f) return {};
+    const float ahead = Extent(x, y, dx, dy, level, most);
+    const float sum = back + ahead, difference = ahead - back;
+    if (ahead < 0.0f || std::abs(difference) > kUnlikePx + kUnlike * sum) return {};
+    return {0.5f * sum, 0.5f * difference};
+  }
+
+  std::optional<Star> FromMiddle(int x, int y, int level, int most) const {
+    const Diameter flat = Across(x, y, 1, 0, level, most);
+    if (flat.half < 0.5f) return std::nullopt;
+    const Diameter upright = Across(x, y, 0, 1, level, most);
+    if (upright.half < 0.5f) return std::nullopt;
+    const Diameter falling = Across(x, y, 1, 1, level, most);
+    if (falling.half < 0.35f) return std::nullopt;
+    const Diameter rising = Across(x, y, 1, -1, level, most);
+    if (rising.half < 0.35f) return std::nullopt;
+    const float f = 1.0f / (flat.half * flat.half), u = 1.0f / (upright.half * upright.half);
+    const float d = 0.5f / (falling.half * falling.half), r = 0.5f / (rising.half * rising.half);
+    const float least = std::min(std::min(flat.half, upright.half),
+                                 1.41421356f * std::min(falling.half, rising.half));
+    const float even = f + u, odd = d + r;
+    if (std::abs(even - odd) > (kUneven + kUnevenPx / least) * (even + odd)) return std::nullopt;
+    Star star;
+    // The middles of the four diameters, each good along itself.
+    star.x = static_cast<float>(x) + 0.5f * (flat.middle + falling.middle + rising.middle);
+    star.y = static_cast<float>(y) + 0.5f * (upright.middle + falling.middle - rising.middle);
+    // Least squares of the four: each pair's sum is corrected by half the contradiction.
+    const float half = 0.25f * (odd - even);
+    star.sxx = f + half;
+    star.syy = u + half;
+    star.sxy = 0.5f * (d - r);
+    return star;
+  }
+
+  const Samples<kStorage>& samples_;
+  const int max_extent_;
+};
+
+}  // namespace videogrammetry::edge_pair

@@ -1,0 +1,184 @@
+#include "videogrammetry/recognition/frame_recognition.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <type_traits>
+
+#include "videogrammetry/recognition/candidate_search.h"
+#include "videogrammetry/recognition/dual_conic.h"
+#include "videogrammetry/recognition/edge_pair_recognition.h"
+#include "videogrammetry/recognition/edge_pair_search.h"
+#include "videogrammetry/recognition/gradient_threshold.h"
+#include "videogrammetry/recognition/model_pool.h"
+#include "videogrammetry/recognition/target_selection.h"
+
+namespace videogrammetry {
+namespace {
+
+void ReadRings(const FrameView& frame, int sign, const CodeFamily& family,
+               ReadingDirection direction, std::vector<Target>* targets) {
+  if (family.num_bits == 0) return;
+  WindowReader reader(frame, sign);
+  for (Target& target : *targets) {
+    const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
+    target.ring = ReadRing(window, target.edge, family, direction);
+  }
+}
+
+void SelectByRings(const CodeFamily& family, const FrameView& frame, std::vector<Target>* targets) {
+  if (family.num_bits == 0) return;
+  RemoveRingPieces(family, FrameWidth(frame), FrameHeight(frame), targets);
+  ResolveDuplicates(targets);
+}
+
+std::vector<TargetEdge*> EdgesOf(std::vector<Target>* targets) {
+  std::vector<TargetEdge*> edges;
+  for (Target& target : *targets) edges.push_back(&target.edge);
+  return edges;
+}
+
+/// The paper's way, on options and a family that have been checked.
+template <typename T>
+std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
+                                          const RecognitionOptions& options,
+                                          const CodeFamily& family) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  const SignedImage<T> picture(image, sign);
+  const int threshold = GradientThreshold(MeasureGreyStatistics(image));
+  std::vector<Target> targets;
+  PlaceIndex index(image.width(), image.height());
+  for (const Candidate& candidate : FindCandidates(picture, options, threshold)) {
+    if (IsKnown(candidate.ellipse, targets, index)) continue;
+    const auto edge = MeasureTargetEdge(picture, candidate, options);
+    if (!edge || IsKnown(edge->ellipse, targets, index)) continue;
+    index.Insert(edge->ellipse.x_px, edge->ellipse.y_px, static_cast<int>(targets.size()));
+    targets.push_back({*edge, {}});
+  }
+  ReadRings(image, sign, family, options.direction, &targets);
+  SelectByRings(family, image, &targets);
+  if (options.estimator == Estimator::kModel) RefineByModel(picture, EdgesOf(&targets));
+  return targets;
+}
+
+/// The second search: threshold over the first one's, and least diameter. Texture breaks a
+/// chord in proportion to its length: dots below are as well found by the first.
+constexpr int kSecondThreshold = 3;
+constexpr double kSecondDiameterPx = 8.0;
+
+/// Areas of both searches; those of the second begin at `second`.
+struct DotAreas {
+  std::vector<DotRegion> regions;
+  std::size_t second = 0;
+};
+
+/// A chord ends at the nearest edge beyond the threshold, so texture, compression or a
+/// gleam inside a dot of high contrast breaks its chords where the threshold follows faint
+/// edges. A second search at a higher threshold does not see them.
+DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
+                      int second_threshold, const std::vector<SearchWindow>& windows) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  DotAreas areas;
+  areas.regions = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
+  areas.second = areas.regions.size();
+  const double least = std::max(options.diameter_px[0], kSecondDiameterPx);
+  if (second_threshold == 0 || least >= options.diameter_px[1]) return areas;
+  PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
+  for (std::size_t i = 0; i < areas.second; ++i) {
+    const ContourMoments& m = areas.regions[i].moments;
+    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
+  }
+  const std::array<double, 2> diameters = {least, options.diameter_px[1]};
+  for (const DotRegion& area : FindDotRegions(frame, sign, diameters, second_threshold, windows)) {
+    const ContourMoments& m = area.moments;
+    // At another threshold a level moves a border by half a pixel.
+    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
+      const ContourMoments& other = areas.regions[static_cast<std::size_t>(number)].moments;
+      return std::abs(m.width_px - other.width_px) <= 2 &&
+             std::abs(m.height_px - other.height_px) <= 2;
+    });
+    if (!known) areas.regions.push_back(area);
+  }
+  return areas;
+}
+
+/// Whether a target is where an area of the second search was.
+bool NeedsSecondSearch(const DotAreas& areas, const std::vector<Target>& targets) {
+  for (std::size_t i = areas.second; i < areas.regions.size(); ++i) {
+    const ContourMoments& m = areas.regions[i].moments;
+    for (const Target& target : targets) {
+      const Ellipse& e = target.edge.ellipse;
+      if (std::hypot(e.x_px - m.mean_x, e.y_px - m.mean_y) < 0.5 * e.semi_minor_px) return true;
+    }
+  }
+  return false;
+}
+
+/// The fast way, in parts of the picture. What it learned of the camera goes to `learned`,
+/// if that is not null.
+std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const RecognitionOptions& options,
+                                         const CodeFamily& family, const CameraModel* camera,
+                                         const std::vector<SearchWindow>& windows,
+                                         std::optional<CameraModel>* learned) {
+  if (FrameWidth(frame) < 3 || FrameHeight(frame) < 3) return {};
+  const int first =
+      camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
+  const int second = camera ? camera->second_threshold : kSecondThreshold * first;
+  const DotAreas areas = FindDotAreas(frame, options, first, second, windows);
+  EdgePairRecognition recognition(frame, options, family);
+  std::vector<Target> targets = recognition.Measure(areas.regions, camera);
+  SelectByRings(family, frame, &targets);
+  if (learned && recognition.picture()) {
+    const bool both = NeedsSecondSearch(areas, targets);
+    *learned = CameraModel{first, both ? second : 0, *recognition.picture()};
+  }
+  return targets;
+}
+
+std::vector<std::uint16_t> Unpacked(const Packed12View& image) {
+  std::vector<std::uint16_t> samples;
+  samples.reserve(static_cast<std::size_t>(image.width()) *
+                  static_cast<std::size_t>(image.height()));
+  for (int y = 0; y < image.height(); ++y) {
+    for (int x = 0; x < image.width(); ++x) {
+      samples.push_back(static_cast<std::uint16_t>(image(x, y)));
+    }
+  }
+  return samples;
+}
+
+}  // namespace
+
+std::vector<SearchWindow> WholeFrame(const FrameView& frame) {
+  return {{0, 0, FrameWidth(frame) - 1, FrameHeight(frame) - 1}};
+}
+
+std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOptions& options,
+                                   const CodeFamily& family, const CameraModel* camera,
+                                   const std::vector<SearchWindow>& windows,
+                                   std::optional<CameraModel>* learned) {
+  std::vector<Target> targets;
+  if (options.method == kEdgePair) {
+    targets = RecognizeByEdgePairs(frame, options, family, camera, windows, learned);
+  } else {
+    targets = std::visit(
+        [&](const auto& image) {
+          if constexpr (std::is_same_v<std::decay_t<decltype(image)>, Packed12View>) {
+            const std::vector<std::uint16_t> samples = Unpacked(image);
+            const ImageView16 view(samples.data(), image.width(), image.height());
+            return RecognizeByLocalCanny(view, options, family);
+          } else {
+            return RecognizeByLocalCanny(image, options, family);
+          }
+        },
+        frame);
+  }
+  if (options.estimator == Estimator::kDualConic) {
+    RefineByDualConic(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1,
+                      EdgesOf(&targets));
+  }
+  return targets;
+}
+
+}  // namespace videogrammetry

@@ -1,0 +1,28 @@
+#pragma once
+
+// Private to the room: one frame by options and a family that have been checked.
+
+#include <optional>
+#include <vector>
+
+#include "videogrammetry/recognition/camera_model.h"
+#include "videogrammetry/recognition/code_family.h"
+#include "videogrammetry/recognition/edge_pair_search.h"
+#include "videogrammetry/recognition/grey_window.h"
+#include "videogrammetry/recognition/options.h"
+#include "videogrammetry/recognition/target.h"
+
+namespace videogrammetry {
+
+std::vector<SearchWindow> WholeFrame(const FrameView& frame);
+
+/// Recognises the targets of a frame, or of parts of it by the method kEdgePair.
+///
+/// @param camera  nullptr: the frame says for itself.
+/// @param learned  receives what the frame says of the camera, if it is not null.
+std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOptions& options,
+                                   const CodeFamily& family, const CameraModel* camera,
+                                   const std::vector<SearchWindow>& windows,
+                                   std::optional<CameraModel>* learned);
+
+}  // namespace videogrammetry

@@ -1,0 +1,136 @@
+#include "videogrammetry/recognition/tracked_recognition.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "videogrammetry/recognition/frame_recognition.h"
+#include "videogrammetry/recognition/place_index.h"
+
+namespace videogrammetry {
+namespace {
+
+/// What a window holds beside the dot and the margin: its edge and the ground.
+constexpr double kGroundPx = 5.0;
+/// How much wider the window of a target is that was not found in its own.
+constexpr double kWider = 3.0;
+/// A dot's axes change by no more than this part from frame to frame.
+constexpr double kMostResized = 0.25;
+
+bool IsAlike(const Ellipse& a, const Ellipse& b) {
+  return std::abs(a.semi_major_px - b.semi_major_px) < kMostResized * b.semi_major_px &&
+         std::abs(a.semi_minor_px - b.semi_minor_px) < kMostResized * b.semi_major_px;
+}
+
+}  // namespace
+
+void TrackedOptions::Check() const {
+  if (full_every < 1) {
+    throw std::invalid_argument("full_every: expected 1 or more, got " +
+                                std::to_string(full_every));
+  }
+  if (!(margin_px >= 1.0) || !(margin_px <= 1000.0)) {
+    throw std::invalid_argument("margin_px: expected 1 ... 1000, got " +
+                                std::to_string(margin_px));
+  }
+}
+
+TrackedRecognizer::TrackedRecognizer(const RecognitionOptions& options, const CodeFamily& family,
+                                     const TrackedOptions& tracked,
+                                     std::optional<CameraModel> camera)
+    : options_(options), family_(family), tracked_(tracked), camera_(std::move(camera)) {
+  options_.Check();
+  family_.Check();
+  tracked_.Check();
+  if (options_.method != kEdgePair) {
+    throw std::invalid_argument("method: targets are followed by 'edge-pair' alone, got '" +
+                                options_.method + "'");
+  }
+}
+
+std::vector<Target> TrackedRecognizer::SearchWhole(const FrameView& frame) {
+  if (!camera_) {
+    // The first frame too is measured by the rule of all others.
+    RecognizeFrame(frame, options_, family_, nullptr, WholeFrame(frame), &camera_);
+    if (!camera_) return {};
+  }
+  return RecognizeFrame(frame, options_, family_, &*camera_, WholeFrame(frame), nullptr);
+}
+
+SearchWindow TrackedRecognizer::WindowAround(const Track& track, double margin_px) const {
+  const double reach = track.ellipse.semi_major_px + margin_px + kGroundPx;
+  return {static_cast<int>(std::floor(track.expected_x() - reach)),
+          static_cast<int>(std::floor(track.expected_y() - reach)),
+          static_cast<int>(std::ceil(track.expected_x() + reach)),
+          static_cast<int>(std::ceil(track.expected_y() + reach))};
+}
+
+// Gives every track the nearest target like it; returns those that have none.
+std::vector<int> TrackedRecognizer::Follow(const std::vector<Target>& targets, int width,
+                                           int height, std::vector<Track>* next) const {
+  PlaceIndex index(width, height);
+  next->clear();
+  for (std::size_t i = 0; i < targets.size(); ++i) {
+    const Ellipse& e = targets[i].edge.ellipse;
+    index.Insert(e.x_px, e.y_px, static_cast<int>(i));
+    next->push_back({e, targets[i].ring.id.value_or(-1), 0.0, 0.0});
+  }
+  std::vector<int> lost;
+  for (std::size_t k = 0; k < tracks_.size(); ++k) {
+    const Track& track = tracks_[k];
+    const double reach = kWider * tracked_.margin_px;
+    int nearest = -1;
+    double least = reach;
+    index.AnyNear(track.expected_x(), track.expected_y(), reach, [&](int i) {
+      const Ellipse& e = targets[static_cast<std::size_t>(i)].edge.ellipse;
+      const double distance = std::hypot(e.x_px - track.expected_x(), e.y_px - track.expected_y());
+      if (distance < least && IsAlike(e, track.ellipse)) {
+        least = distance;
+        nearest = i;
+      }
+      return false;
+    });
+    if (nearest < 0) {
+      lost.push_back(static_cast<int>(k));
+      continue;
+    }
+    Track& moved = (*next)[static_cast<std::size_t>(nearest)];
+    moved.step_x = moved.ellipse.x_px - track.ellipse.x_px;
+    moved.step_y = moved.ellipse.y_px - track.ellipse.y_px;
+  }
+  return lost;
+}
+
+TrackedFrame TrackedRecognizer::Next(const FrameView& frame) {
+  TrackedFrame result;
+  const int width = FrameWidth(frame), height = FrameHeight(frame);
+  std::vector<Track> next;
+  result.full = full_next_ || !camera_ || frame_ % tracked_.full_every == 0;
+  ++frame_;
+  std::vector<int> lost;
+  if (result.full) {
+    result.targets = SearchWhole(frame);
+    lost = Follow(result.targets, width, height, &next);
+  } else {
+    std::vector<SearchWindow> windows;
+    for (const Track& track : tracks_) windows.push_back(WindowAround(track, tracked_.margin_px));
+    result.targets = RecognizeFrame(frame, options_, family_, &*camera_, windows, nullptr);
+    lost = Follow(result.targets, width, height, &next);
+    if (!lost.empty()) {
+      for (const int k : lost) {
+        windows[static_cast<std::size_t>(k)] =
+            WindowAround(tracks_[static_cast<std::size_t>(k)], kWider * tracked_.margin_px);
+      }
+      result.targets = RecognizeFrame(frame, options_, family_, &*camera_, windows, nullptr);
+      lost = Follow(result.targets, width, height, &next);
+    }
+  }
+  // What a whole search does not find is gone: it is looked for again when its turn comes.
+  full_next_ = !result.full && !lost.empty();
+  result.lost = static_cast<int>(lost.size());
+  tracks_ = std::move(next);
+  return result;
+}
+
+}  // namespace videogrammetry

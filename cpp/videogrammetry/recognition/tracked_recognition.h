@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "videogrammetry/recognition/edge_pair_search.h"
+#include "videogrammetry/recognition/recognize.h"
+
+namespace videogrammetry {
+
+/// How targets are followed from frame to frame.
+struct TrackedOptions {
+  /// Every so many frames the whole frame is searched, for what is new; 1: always.
+  int full_every = 100;
+  /// How far a target may be from where it is expected, pixels; 1 ... 1000.
+  double margin_px = 4.0;
+
+  /// @throws std::invalid_argument naming the field, what was expected and what was given.
+  void Check() const;
+};
+
+/// What was done with a frame.
+struct TrackedFrame {
+  std::vector<Target> targets;  ///< in the order of their centres' y, then x
+  bool full = false;            ///< the whole frame was searched
+  int lost = 0;                 ///< targets that were expected and not found
+};
+
+/// Recognises the frames of one camera one after the other, looking where targets are
+/// expected.
+///
+/// A target is expected where it would be if it went on as between the last two frames.
+/// Windows around these places are searched by the rule of the whole frame's search, with
+/// one camera's model, so that a target that lies in a window is the one that the whole
+/// frame's search gives, bit for bit. Where a target is not found, a window three times as
+/// wide is searched; if it is not there either, the next frame is searched as a whole, and
+/// so is every `full_every`-th. Method "edge-pair" alone.
+class TrackedRecognizer {
+ public:
+  /// @param camera  learned from the first frame with targets if it is not given.
+  /// @throws std::invalid_argument if options or family are not valid, or the method is not
+  ///     kEdgePair.
+  TrackedRecognizer(const RecognitionOptions& options, const CodeFamily& family,
+                    const TrackedOptions& tracked, std::optional<CameraModel> camera);
+
+  TrackedFrame Next(const FrameView& frame);
+
+  /// The camera's model, once known.
+  const std::optional<CameraModel>& camera() const { return camera_; }
+
+ private:
+  /// Where a target was, and how it moved to there.
+  struct Track {
+    Ellipse ellipse;
+    int id = -1;
+    double step_x = 0.0, step_y = 0.0;
+
+    double expected_x() const { return ellipse.x_px + step_x; }
+    double expected_y() const { return ellipse.y_px + step_y; }
+  };
+
+  std::vector<Target> SearchWhole(const FrameView& frame);
+  SearchWindow WindowAround(const Track& track, double margin_px) const;
+  std::vector<int> Follow(const std::vector<Target>& targets, int width, int height,
+                          std::vector<Track>* next) const;
+
+  RecognitionOptions options_;
+  CodeFamily family_;
+  TrackedOptions tracked_;
+  std::optional<CameraModel> camera_;
+  std::vector<Track> tracks_;
+  std::int64_t frame_ = 0;
+  bool full_next_ = true;
+};
+
+}  // namespace videogrammetry

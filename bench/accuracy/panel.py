@@ -1,6 +1,6 @@
 """The real panel end to end: calibrate on five stereo pairs, measure five others, judge.
 
-    python bench/accuracy/panel.py [DATA]
+    python bench/accuracy/panel.py [DATA] [--recognition edge-pair --estimator model]
 
 DATA is the folder that holds ``aicon-panel`` (default: ../shared/data or
 $VIDEOGRAMMETRY_DATA). Prints one table with ``joint`` and ``mean`` side by side:
@@ -48,6 +48,10 @@ sequence = "{pictures}/right_00{{07,11,15,19,23}}.tif"
 [calibration]
 target = "{pictures}/points.csv"
 sigma_mm = 0.02
+
+[targets]
+method = "{method}"
+estimator = "{estimator}"
 """
 
 
@@ -58,10 +62,13 @@ def default_data() -> Path:
     ).resolve()
 
 
-def write_project(folder: Path, data: Path) -> Path:
+def write_project(
+    folder: Path, data: Path, recognition: str = "local-canny", estimator: str = "mean-gradient"
+) -> Path:
     """project.toml of the panel in ``folder``."""
     path = folder / "project.toml"
-    path.write_text(PROJECT.format(pictures=(data / "aicon-panel").as_posix()))
+    pictures = (data / "aicon-panel").as_posix()
+    path.write_text(PROJECT.format(pictures=pictures, method=recognition, estimator=estimator))
     return path
 
 
@@ -228,6 +235,7 @@ def run(method: str, project_path: Path) -> dict:
 
 
 ROWS = (
+    ("sigma0 of the calibration", "sigma0", "1"),
     ("re-projection RMS of the calibration, px", "calibration_rms_px", "<= 0.06"),
     ("re-projection RMS of the measured stages, px", "reprojection_rms_px", "<= 0.06"),
     ("baseline, mm", "baseline_mm", "591.23 +- 0.25"),
@@ -294,6 +302,12 @@ def main() -> None:
     parser.add_argument("data", nargs="?", type=Path, default=default_data())
     parser.add_argument("--write-project", type=Path, metavar="DIR", help="only write the project")
     parser.add_argument("--judge", type=Path, metavar="DIR", help="only judge a finished project")
+    parser.add_argument(
+        "--recognition", default="local-canny", choices=("local-canny", "edge-pair")
+    )
+    parser.add_argument(
+        "--estimator", default="mean-gradient", choices=("mean-gradient", "dual-conic", "model")
+    )
     args = parser.parse_args()
     if args.judge:
         judge_folder(args.judge)
@@ -302,10 +316,10 @@ def main() -> None:
     if not (data / "aicon-panel").is_dir():
         sys.exit(f"{data}: no folder aicon-panel here; give the folder of the real pictures")
     if args.write_project:
-        print(write_project(args.write_project, data))
+        print(write_project(args.write_project, data, args.recognition, args.estimator))
         return
     with tempfile.TemporaryDirectory() as folder:
-        path = write_project(Path(folder), data)
+        path = write_project(Path(folder), data, args.recognition, args.estimator)
         results = [run(method, path) for method in ("joint", "mean")]
     print_table(results)
     out = Path(__file__).parents[1] / "results"

@@ -12,6 +12,8 @@ namespace {
 
 /// Part of the contrast at which a dot is cut out anew.
 constexpr double kLowLevel = 0.2;
+/// Widths of the edge that a plateau keeps clear of, and the ground looked at beyond.
+constexpr double kEdge = 2.5, kGroundPx = 3.0;
 constexpr double kDeep = 0.6;  ///< inner places, in minor axes from the contour
 
 constexpr int kPlaces = 16;
@@ -28,66 +30,78 @@ const std::array<Eigen::Vector2d, kPlaces>& Directions() {
   return directions;
 }
 
-/// Grey values at some distance from the ellipse, in the directions of its normals.
-using Around = std::array<float, kPlaces>;
+/// Grey values at some distances from the ellipse, in the directions of its normals.
+template <std::size_t kDistances>
+using Around = std::array<std::array<float, kPlaces>, kDistances>;
 
 /// @return false if the window ends before.
-bool SampleAround(const GreyWindow& window, const EllipseFrame& frame, double distance_px,
-                  Around* grey) {
+template <std::size_t kDistances>
+bool SampleAround(const GreyWindow& window, const EllipseFrame& frame,
+                  const std::array<double, kDistances>& distances_px, Around<kDistances>* grey) {
   const Eigen::Matrix2d& e = frame.shape;
-  Around x, y;
+  Around<kDistances> x, y;
+  double left = 1e9, right = -1e9, top = 1e9, bottom = -1e9;
   for (std::size_t k = 0; k < kPlaces; ++k) {
-    const Eigen::Vector2d& u = Directions()[k];
-    Eigen::Vector2d normal(e(1, 1) * u.x() - e(0, 1) * u.y(), e(0, 0) * u.y() - e(0, 1) * u.x());
-    const Eigen::Vector2d p = frame.center + e * u + distance_px / normal.norm() * normal;
-    if (!window.Covers(p.x(), p.y())) return false;
-    x[k] = static_cast<float>(p.x());
-    y[k] = static_cast<float>(p.y());
+    const double ux = Directions()[k].x(), uy = Directions()[k].y();
+    const double nx = e(1, 1) * ux - e(0, 1) * uy, ny = e(0, 0) * uy - e(0, 1) * ux;
+    const double length = 1.0 / std::sqrt(nx * nx + ny * ny);
+    const double px = frame.center.x() + e(0, 0) * ux + e(0, 1) * uy;
+    const double py = frame.center.y() + e(0, 1) * ux + e(1, 1) * uy;
+    for (std::size_t i = 0; i < kDistances; ++i) {
+      const double qx = px + distances_px[i] * length * nx;
+      const double qy = py + distances_px[i] * length * ny;
+      x[i][k] = static_cast<float>(qx);
+      y[i][k] = static_cast<float>(qy);
+      left = std::min(left, qx);
+      right = std::max(right, qx);
+      top = std::min(top, qy);
+      bottom = std::max(bottom, qy);
+    }
   }
-  window.Sample(x.data(), y.data(), kPlaces, grey->data());
+  if (!window.Covers(left, top) || !window.Covers(right, bottom)) return false;
+  window.Sample(x[0].data(), y[0].data(), static_cast<int>(kDistances * kPlaces),
+                (*grey)[0].data());
   return true;
 }
 
-float Median(Around grey) {
+float Median(std::array<float, kPlaces> grey) {
   std::nth_element(grey.begin(), grey.begin() + kPlaces / 2, grey.end());
   return grey[kPlaces / 2];
 }
 
-/// Amplitude of the first harmonic around the dot.
-Eigen::Vector2d FirstHarmonic(const Around& grey) {
-  Eigen::Vector2d sum(0.0, 0.0);
-  for (std::size_t k = 0; k < kPlaces; ++k) {
-    sum += static_cast<double>(grey[k]) * Directions()[k];
+/// A plane through grey values: a + g . v.
+class Plane {
+ public:
+  void Add(const Eigen::Vector2d& v, double grey) {
+    const Eigen::Vector3d row(1.0, v.x(), v.y());
+    normal_ += row * row.transpose();
+    right_ += grey * row;
+    squares_ += grey * grey;
+    count_ += 1;
   }
-  return 2.0 / kPlaces * sum;
-}
-
-/// Variance of what differs from place to place: of second differences, a sixth.
-double NoiseAround(const Around& grey) {
-  double sum = 0.0;
-  for (std::size_t k = 0; k < kPlaces; ++k) {
-    const auto difference = static_cast<double>(grey[(k + kPlaces - 1) % kPlaces] - 2.0f * grey[k] +
-                                                grey[(k + 1) % kPlaces]);
-    sum += difference * difference;
+  /// @return false if the pixels are too few to tell.
+  bool Solve() {
+    if (count_ < kLeastPixels) return false;
+    const Eigen::Matrix3d inverse = normal_.inverse();
+    const Eigen::Vector3d x = inverse * right_;
+    const double variance = std::max(1.0 / 12.0, (squares_ - x.dot(right_)) / (count_ - 3));
+    level = x[0];
+    gradient = x.tail<2>();
+    noise = 0.5 * variance * (inverse(1, 1) + inverse(2, 2));
+    return true;
   }
-  return sum / (6.0 * kPlaces);
-}
 
-FlareSample SampleFlare(const Around& deep, const Around& far, const DotStart& dot, double far_px) {
-  const double radius = std::sqrt(dot.frame.shape.determinant());
-  // Gradients over a radius: the harmonics over the places' distances from the middle.
-  const double inner = 1.0 - kDeep, outer = 1.0 + far_px / radius;
-  const Eigen::Vector2d inside = FirstHarmonic(deep) / inner, outside = FirstHarmonic(far) / outer;
-  const bool bright_inside = std::abs(dot.inside) >= std::abs(dot.outside);
-  const double share = bright_inside ? dot.outside / dot.inside : dot.inside / dot.outside;
-  const Eigen::Vector2d flare = bright_inside ? outside - share * inside : inside - share * outside;
-  const double inside_noise = NoiseAround(deep) / (inner * inner);
-  const double outside_noise = NoiseAround(far) / (outer * outer);
-  const double noise = bright_inside ? outside_noise + share * share * inside_noise
-                                     : inside_noise + share * share * outside_noise;
-  const double contrast = dot.inside - dot.outside, unit = 1.0 / (contrast * contrast);
-  return {unit * flare.squaredNorm(), unit * noise * 2.0 / kPlaces};
-}
+  double level = 0.0;
+  Eigen::Vector2d gradient = Eigen::Vector2d::Zero();
+  double noise = 0.0;  ///< variance of the gradient's coordinates
+
+ private:
+  static constexpr int kLeastPixels = 24;
+  Eigen::Matrix3d normal_ = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right_ = Eigen::Vector3d::Zero();
+  double squares_ = 0.0;
+  int count_ = 0;
+};
 
 /// Pixels of a window at or above a level that hang together with its (x, y).
 class Flood {
@@ -144,19 +158,17 @@ class Flood {
 
 }  // namespace
 
-bool MeasureGrey(const GreyWindow& window, DotStart* dot, FlareSample* flare) {
+bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
   constexpr int kMayFail = 1;
   constexpr double kNearPx = 1.25, kFarPx = 2.25;
   const Eigen::Matrix2d& e = dot->frame.shape;
   // (not less than the minor axis)
   const double minor = e.determinant() / std::max(e(0, 0), e(1, 1));
-  Around deep, in, out, far;
-  if (!SampleAround(window, dot->frame, kFarPx, &far) ||
-      !SampleAround(window, dot->frame, kNearPx, &out) ||
-      !SampleAround(window, dot->frame, -std::min(1.5, 0.6 * minor), &in) ||
-      !SampleAround(window, dot->frame, -kDeep * minor, &deep)) {
-    return false;
-  }
+  Around<4> grey;
+  const std::array<double, 4> distances = {-kDeep * minor, -std::min(1.5, 0.6 * minor), kNearPx,
+                                           kFarPx};
+  if (!SampleAround(window, dot->frame, distances, &grey)) return false;
+  const auto& [deep, in, out, far] = grey;
   dot->inside = Median(deep);
   // On a narrow dark rim the nearer one is the dot's ground.
   dot->outside = std::min(Median(out), Median(far));
@@ -164,9 +176,7 @@ bool MeasureGrey(const GreyWindow& window, DotStart* dot, FlareSample* flare) {
   if (!(least > 0.0f)) return false;
   int failed = 0;
   for (std::size_t k = 0; k < kPlaces; ++k) failed += in[k] - out[k] < least;
-  if (failed > kMayFail) return false;
-  if (flare) *flare = SampleFlare(deep, far, *dot, kFarPx);
-  return true;
+  return failed <= kMayFail;
 }
 
 void Resize(double level, double blur_px, DotStart* dot) {
@@ -177,6 +187,31 @@ void Resize(double level, double blur_px, DotStart* dot) {
   if (e(0, 0) + inward < least || e(1, 1) + inward < least) return;
   e(0, 0) += inward;
   e(1, 1) += inward;
+}
+
+std::optional<FlareSample> MeasureFlare(const GreyWindow& window, const ModelFit& fit) {
+  const EllipseFrame frame = EllipseFrame::From(fit.ellipse);
+  const Eigen::Matrix2d inverse = frame.shape.inverse();
+  // A plateau is free of the edge, and of that of a ring a radius away, from 2.5 s on.
+  const double edge = kEdge * fit.blur_px / fit.ellipse.semi_minor_px;
+  const double ground = std::min(2.0 - edge, 1.0 + edge + kGroundPx / fit.ellipse.semi_minor_px);
+  Plane inside, outside;
+  for (int y = window.y0; y < window.y0 + window.height; ++y) {
+    for (int x = window.x0; x < window.x0 + window.width; ++x) {
+      const Eigen::Vector2d v = inverse * (Eigen::Vector2d(x, y) - frame.center);
+      const double radius = v.norm(), grey = static_cast<double>(window(x, y));
+      if (radius < 1.0 - edge) inside.Add(v, grey - fit.inside);
+      if (radius > 1.0 + edge && radius < ground) outside.Add(v, grey - fit.outside);
+    }
+  }
+  if (!inside.Solve() || !outside.Solve()) return std::nullopt;
+  const bool bright_inside = std::abs(fit.inside) >= std::abs(fit.outside);
+  const Plane& bright = bright_inside ? inside : outside;
+  const Plane& dark = bright_inside ? outside : inside;
+  const double share = bright_inside ? fit.outside / fit.inside : fit.inside / fit.outside;
+  const double contrast = fit.inside - fit.outside, unit = 1.0 / (contrast * contrast);
+  return FlareSample{unit * (dark.gradient - share * bright.gradient).squaredNorm(),
+                     unit * (dark.noise + share * share * bright.noise)};
 }
 
 std::optional<DotStart> CutOutLow(const GreyWindow& window, const DotStart& dot, double blur_px) {

@@ -9,6 +9,7 @@
 #include <numeric>
 #include <tuple>
 
+#include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/model_pool.h"
 #include "videogrammetry/recognition/place_index.h"
 
@@ -21,100 +22,23 @@ constexpr std::size_t kLearnFrom = 12;
 /// many times those of the better quarter: clutter teaches nothing.
 constexpr double kMostResidual = 2.0;
 /// Part of the residuals that is not noise, in units of the contrast, up to which the
-/// model of a dot is right. Of real pictures' dots 97 % are below; nothing else is.
+/// model of a dot is right.
 constexpr double kDot = 0.03;
+/// The least such part that the noise lets be seen, beyond which it says nothing: that of
+/// a contrast of eight times the noise.
+constexpr double kBlind = 0.07;
+/// A dot's error in units of blur times flare, light that is added on the darker side where
+/// DotFitter's multiplies: 1.25 for the half-way level, as much again for the light that the
+/// fit tilts to it. And the error from which on FitModel, which has flare, is worth its time.
+constexpr double kFlareLever = 2.5, kFlarePx = 0.01;
+/// What flare may be over its standard deviation: shadows and reflections have edges.
+constexpr double kFlareTails = 3.0;
 /// What a fit may need beyond its start's ellipse.
 constexpr double kMoreReachPx = 2.0;
 /// What the local Canny may look at beyond an ellipse.
 constexpr double kUnclearReachPx = 10.0;
-
-constexpr int kPlaces = 16;
-
-const std::array<Eigen::Vector2d, kPlaces>& Directions() {
-  static const auto directions = [] {
-    std::array<Eigen::Vector2d, kPlaces> u;
-    for (int i = 0; i < kPlaces; ++i) {
-      const double t = 2 * std::numbers::pi * i / kPlaces;
-      u[static_cast<std::size_t>(i)] = {std::cos(t), std::sin(t)};
-    }
-    return u;
-  }();
-  return directions;
-}
-
-/// Grey values at some distances from the ellipse, in the directions of its normals.
-template <std::size_t kDistances>
-using Around = std::array<std::array<float, kPlaces>, kDistances>;
-
-/// @return false if the window ends before.
-template <std::size_t kDistances>
-bool SampleAround(const GreyWindow& window, const EllipseFrame& frame,
-                  const std::array<double, kDistances>& distances_px, Around<kDistances>* grey) {
-  const Eigen::Matrix2d& e = frame.shape;
-  Around<kDistances> x, y;
-  double left = 1e9, right = -1e9, top = 1e9, bottom = -1e9;
-  for (std::size_t k = 0; k < kPlaces; ++k) {
-    const double ux = Directions()[k].x(), uy = Directions()[k].y();
-    const double nx = e(1, 1) * ux - e(0, 1) * uy, ny = e(0, 0) * uy - e(0, 1) * ux;
-    const double length = 1.0 / std::sqrt(nx * nx + ny * ny);
-    const double px = frame.center.x() + e(0, 0) * ux + e(0, 1) * uy;
-    const double py = frame.center.y() + e(0, 1) * ux + e(1, 1) * uy;
-    for (std::size_t i = 0; i < kDistances; ++i) {
-      const double qx = px + distances_px[i] * length * nx;
-      const double qy = py + distances_px[i] * length * ny;
-      x[i][k] = static_cast<float>(qx);
-      y[i][k] = static_cast<float>(qy);
-      left = std::min(left, qx);
-      right = std::max(right, qx);
-      top = std::min(top, qy);
-      bottom = std::max(bottom, qy);
-    }
-  }
-  if (!window.Covers(left, top) || !window.Covers(right, bottom)) return false;
-  window.Sample(x[0].data(), y[0].data(), static_cast<int>(kDistances * kPlaces),
-                (*grey)[0].data());
-  return true;
-}
-
-float Median(std::array<float, kPlaces> grey) {
-  std::nth_element(grey.begin(), grey.begin() + kPlaces / 2, grey.end());
-  return grey[kPlaces / 2];
-}
-
-/// Grey values of a dot and its surroundings, whatever level it was cut out at.
-/// @return false unless it is brighter inside than outside all around; one place may fail.
-bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
-  constexpr int kMayFail = 1;
-  constexpr double kNearPx = 1.25, kFarPx = 2.25;
-  const Eigen::Matrix2d& e = dot->frame.shape;
-  // (not less than the minor axis)
-  const double minor = e.determinant() / std::max(e(0, 0), e(1, 1));
-  Around<4> grey;
-  const std::array<double, 4> distances = {-0.6 * minor, -std::min(1.5, 0.6 * minor), kNearPx,
-                                           kFarPx};
-  if (!SampleAround(window, dot->frame, distances, &grey)) return false;
-  const auto& [deep, in, out, far] = grey;
-  dot->inside = Median(deep);
-  // On a narrow dark rim the nearer one is the dot's ground.
-  dot->outside = std::min(Median(out), Median(far));
-  const auto least = static_cast<float>(0.25 * (dot->inside - dot->outside));
-  if (!(least > 0.0f)) return false;
-  int failed = 0;
-  for (std::size_t k = 0; k < kPlaces; ++k) failed += in[k] - out[k] < least;
-  return failed <= kMayFail;
-}
-
-/// The ellipse cut at half height: of a blurred edge the part a is reached s times the
-/// normal distribution's quantile of a inside of it, or 0.59 s ln(a / (1 - a)).
-void Resize(double level, double blur_px, DotStart* dot) {
-  const double part = std::clamp((level - dot->outside) / (dot->inside - dot->outside), 0.05, 0.95);
-  const double inward = 0.59 * blur_px * std::log(part / (1.0 - part));
-  Eigen::Matrix2d& e = dot->frame.shape;
-  const double least = 0.5 * std::sqrt(std::max(0.0, e.determinant()));
-  if (e(0, 0) + inward < least || e(1, 1) + inward < least) return;
-  e(0, 0) += inward;
-  e(1, 1) += inward;
-}
+/// How much larger a dot may be than the gleam on it, in radii of that.
+constexpr double kMostGleam = 2.0;
 
 /// Standard deviation of the edge's place in a strip one pixel wide: Cramer and Rao's
 /// for an edge of blur s, noise n and contrast C is sqrt(2 sqrt(pi) s) n / C.
@@ -135,13 +59,81 @@ TargetEdge EdgeOf(const ModelFit& fit, const GreyNoise& noise) {
   return edge;
 }
 
-/// Part of the residuals that is not noise, in units of the contrast.
-double Misfit(const ModelFit& fit, const GreyNoise& noise, double pixels) {
-  const double chance = 3.0 * std::sqrt(2.0 / pixels);
+/// Whether the residuals hold no more than noise and what a dot's may, and the noise is
+/// not such that they tell nothing.
+bool IsClear(const ModelFit& fit, const GreyNoise& noise) {
+  const double chance = 3.0 * std::sqrt(2.0 / fit.pixels);
   const double excess = std::max(0.0, fit.variance_factor - 1.0 - chance);
-  const double variance = excess * noise.Variance(0.5 * (fit.inside + fit.outside));
-  return std::sqrt(variance) / (fit.inside - fit.outside);
+  const double contrast = fit.inside - fit.outside;
+  const double unit = noise.Variance(0.5 * (fit.inside + fit.outside)) / (contrast * contrast);
+  return excess * unit <= kDot * kDot && chance * unit <= kBlind * kBlind;
 }
+
+/// The flare that dots have in common beyond chance, or 0.
+double PoolFlare(const std::vector<FlareSample>& flares) {
+  // Twelve dots' squares over their variances scatter by 0.29 about 1; one dot's glare is
+  // not the picture's.
+  constexpr double kSignificant = 2.0, kMostSquares = 8.0;
+  if (flares.empty()) return 0.0;
+  double sum = 0.0, noise = 0.0;
+  for (const FlareSample& flare : flares) {
+    sum += std::min(kMostSquares, 0.5 * flare.square / flare.noise);
+    noise += flare.noise;
+  }
+  const auto count = static_cast<double>(flares.size());
+  const double ratio = sum / count;
+  return ratio > kSignificant ? std::sqrt((ratio - 1.0) * noise / count) : 0.0;
+}
+
+/// A window's samples as a picture of its own, so that every depth's are the same.
+class WindowPicture {
+ public:
+  WindowPicture(const GreyWindow& window, int sign)
+      : x0_(window.x0),
+        y0_(window.y0),
+        samples_(Samples(window, sign)),
+        image_(ImageView16(samples_.data(), window.width, window.height), sign) {}
+  WindowPicture(const WindowPicture&) = delete;
+  WindowPicture& operator=(const WindowPicture&) = delete;
+
+  const SignedImage<std::uint16_t>& image() const { return image_; }
+  Ellipse Inwards(Ellipse e) const { return Moved(e, -1); }
+  Ellipse Outwards(Ellipse e) const { return Moved(e, 1); }
+
+  /// Measures an edge anew by FitModel; if that fails or leaves it, it stays.
+  void Refine(const PictureModel* picture, TargetEdge* edge) const {
+    TargetEdge local = *edge;
+    local.ellipse = Inwards(edge->ellipse);
+    const auto fit = FitModel(image_, local, picture);
+    if (!fit || HasLeft(local.ellipse, fit->ellipse)) return;
+    edge->ellipse = Outwards(fit->ellipse);
+    edge->cov = fit->cov;
+    edge->inside = fit->inside;
+    edge->outside = fit->outside;
+  }
+
+ private:
+  static std::vector<std::uint16_t> Samples(const GreyWindow& window, int sign) {
+    std::vector<std::uint16_t> samples;
+    samples.reserve(static_cast<std::size_t>(window.width) *
+                    static_cast<std::size_t>(window.height));
+    for (int y = window.y0; y < window.y0 + window.height; ++y) {
+      for (int x = window.x0; x < window.x0 + window.width; ++x) {
+        samples.push_back(static_cast<std::uint16_t>(static_cast<float>(sign) * window(x, y)));
+      }
+    }
+    return samples;
+  }
+  Ellipse Moved(Ellipse e, int direction) const {
+    e.x_px += direction * x0_;
+    e.y_px += direction * y0_;
+    return e;
+  }
+
+  int x0_, y0_;
+  std::vector<std::uint16_t> samples_;
+  SignedImage<std::uint16_t> image_;
+};
 
 }  // namespace
 
@@ -204,13 +196,18 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegi
   for (const Lesson& lesson : lessons) fits.push_back(lesson.fit);
   auto picture = PoolModels(fits);
   // How even the light is shows with the noise known only.
+  std::vector<FlareSample> flares;
   fits.clear();
   for (const Lesson& lesson : lessons) {
     window = WindowOf(lesson.start.frame, DotFitter::Reach(picture->blur_px) + kMoreReachPx);
     const auto fit = fitter_.Fit(window, lesson.start, &*picture, true);
-    if (fit) fits.push_back(*fit);
+    if (!fit) continue;
+    fits.push_back(*fit);
+    if (const auto flare = MeasureFlare(window, *fit)) flares.push_back(*flare);
   }
   picture->gradient = PoolGradient(fits);
+  const double flare = PoolFlare(flares);
+  if (kFlareLever * picture->blur_px * flare > kFlarePx) picture->flare = kFlareTails * flare;
   return picture;
 }
 
@@ -226,47 +223,42 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start
   if (picture_ && options_.estimator != Estimator::kMeanGradient) {
     fit = fitter_.Fit(window, start.dot, &*picture_);
   }
-  if (!fit || Misfit(*fit, picture_->noise, fit->pixels) > kDot) {
+  if (!fit || !IsClear(*fit, picture_->noise)) {
     unclear_.push_back(start);
     return std::nullopt;
   }
   if (!HasSize(fit->ellipse)) return std::nullopt;
-  return EdgeOf(*fit, picture_->noise);
+  TargetEdge edge = EdgeOf(*fit, picture_->noise);
+  if (picture_->flare > PictureModel{}.flare) {
+    const WindowPicture local(WindowOf(start.dot.frame, kUnclearReachPx), reader_.sign());
+    local.Refine(&*picture_, &edge);
+  }
+  return edge;
 }
 
 std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const DotStart& dot) {
-  const GreyWindow window = WindowOf(dot.frame, kUnclearReachPx);
-  // The local Canny reads samples: of the window alone, so that every depth's are the same.
-  std::vector<std::uint16_t> samples;
-  samples.reserve(static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height));
-  const auto sign = static_cast<float>(reader_.sign());
-  for (int y = window.y0; y < window.y0 + window.height; ++y) {
-    for (int x = window.x0; x < window.x0 + window.width; ++x) {
-      samples.push_back(static_cast<std::uint16_t>(sign * window(x, y)));
-    }
-  }
-  const SignedImage<std::uint16_t> local(ImageView16(samples.data(), window.width, window.height),
-                                         reader_.sign());
+  const WindowPicture local(WindowOf(dot.frame, kUnclearReachPx), reader_.sign());
   Candidate candidate;
-  candidate.ellipse = dot.frame.ToEllipse();
-  candidate.ellipse.x_px -= window.x0;
-  candidate.ellipse.y_px -= window.y0;
+  candidate.ellipse = local.Inwards(dot.frame.ToEllipse());
   candidate.inside = static_cast<float>(dot.inside);
   candidate.level = static_cast<float>(0.5 * (dot.inside + dot.outside));
-  auto edge = MeasureTargetEdge(local, candidate, options_);
+  auto edge = MeasureTargetEdge(local.image(), candidate, options_);
   if (!edge) return std::nullopt;
-  const bool by_model = options_.estimator == Estimator::kModel;
-  const auto fit =
-      by_model ? FitModel(local, *edge, picture_ ? &*picture_ : nullptr) : std::nullopt;
-  if (fit && !HasLeft(edge->ellipse, fit->ellipse)) {
-    edge->ellipse = fit->ellipse;
-    edge->cov = fit->cov;
-    edge->inside = fit->inside;
-    edge->outside = fit->outside;
-  }
-  edge->ellipse.x_px += window.x0;
-  edge->ellipse.y_px += window.y0;
+  edge->ellipse = local.Outwards(edge->ellipse);
+  if (options_.estimator == Estimator::kModel)
+    local.Refine(picture_ ? &*picture_ : nullptr, &*edge);
   return edge;
+}
+
+std::optional<TargetEdge> EdgePairRecognition::MeasureUnclearAt(const Start& start) {
+  if (auto edge = MeasureByLocalCanny(start.dot)) return edge;
+  // What lies beyond a narrow rim draws the moments aside,
+  if (auto edge = MeasureByLocalCanny(start.cut_out)) return edge;
+  // and a gleam hides the rest of its dot.
+  const double more =
+      kMostGleam * std::sqrt(start.cut_out.frame.shape.determinant()) + kUnclearReachPx;
+  const auto low = CutOutLow(WindowOf(start.cut_out.frame, more), start.cut_out, UsualBlur());
+  return low ? MeasureByLocalCanny(*low) : std::nullopt;
 }
 
 void EdgePairRecognition::Add(const TargetEdge& edge) {
@@ -296,9 +288,7 @@ void EdgePairRecognition::MeasureUnclear() {
     const Ellipse e = start.dot.frame.ToEllipse();
     if (rings_.Holds(start.dot.frame.center, e.semi_minor_px)) continue;
     if (IsKnown(e, targets_, places_)) continue;
-    auto edge = MeasureByLocalCanny(start.dot);
-    // What lies beyond a narrow rim, or shines on the dot, draws the moments aside.
-    if (!edge) edge = MeasureByLocalCanny(start.cut_out);
+    const auto edge = MeasureUnclearAt(start);
     if (edge) Add(*edge);
   }
 }
@@ -314,7 +304,7 @@ std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& r
     return std::tuple(-m.area, m.mean_y, m.mean_x) < std::tuple(-n.area, n.mean_y, n.mean_x);
   });
   picture_ = camera ? std::optional(camera->picture) : Learn(regions, order);
-  const double blur_px = picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx;
+  const double blur_px = UsualBlur();
   GreyWindow window;
   for (const int i : order) {
     const DotRegion& region = regions[static_cast<std::size_t>(i)];

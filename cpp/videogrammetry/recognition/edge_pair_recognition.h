@@ -23,13 +23,15 @@ namespace videogrammetry {
 /// 1. A look around: brighter inside than outside on all sides, and how bright.
 /// 2. The second moments of the grey values, and the blurred ellipse (DotFitter). Where no
 ///    more than 3 % of the contrast is left in the residuals beyond noise, it is a dot.
-///    Where there is more, and where the fit fails, something lies in front of the dot or
-///    near it, shines on it, or it is none: MeasureTargetEdge of the local Canny decides,
-///    which sees what is none in some microseconds, and FitModel measures.
+///    Where there is more, where the fit fails, and where the noise is such that residuals
+///    tell nothing, something lies in front of the dot or near it, shines on it, or it is
+///    none: MeasureTargetEdge of the local Canny decides, which sees what is none in some
+///    microseconds, and FitModel measures.
 /// 3. The ring.
 ///
 /// Noise, blur and evenness of the light are learned from some dots (PoolModels,
-/// PoolGradient) if no camera's model is given.
+/// PoolGradient, MeasureFlare) if no camera's model is given. In a picture with light that is
+/// added, not multiplied, FitModel measures clear dots too.
 class EdgePairRecognition {
  public:
   EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
@@ -54,6 +56,8 @@ class EdgePairRecognition {
                                     const std::vector<int>& order);
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
   std::optional<TargetEdge> MeasureByLocalCanny(const DotStart& dot);
+  std::optional<TargetEdge> MeasureUnclearAt(const Start& start);
+  double UsualBlur() const { return picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx; }
   void MeasureUnclear();
   void Add(const TargetEdge& edge);
   bool HasSize(const Ellipse& ellipse) const;

@@ -22,7 +22,9 @@ using edge_pair::Storage;
 
 /// Pixels of a rise or fall that are looked at, from its inner end.
 constexpr int kLongestEdge = 64;
-/// Square of the least minor over major axis: a tilt of 80 degrees.
+/// Scanned rows that are fetched from memory before they are looked at.
+constexpr int kRowsAhead = 4;
+/// Least minor over major axis: a tilt of 80 degrees.
 constexpr double kLeastRatio = 0.18;
 /// Freedom of the axes, pixels: they are judged after the fit.
 constexpr double kFreePx = 1.0;
@@ -79,6 +81,7 @@ class EdgePairSearch {
     for (ScannedRow& scanned : scanned_) scanned.pairs.clear();
     for (int y = RowAt(row); y <= window.bottom; y = RowAt(++row)) {
       ScannedRow& now = Scanned(row);
+      Prefetch(first + RowAt(row + kRowsAhead) * rows_.stride_bytes, RowAt(row + kRowsAhead));
       const int found = rows_.kernels->edges(first + y * rows_.stride_bytes, width_, threshold_,
                                              now.up.data(), now.down.data(), which_.data());
       FindPairs(found, &now);
@@ -92,6 +95,16 @@ class EdgePairSearch {
 
  private:
   int RowAt(int row) const { return row_step_ / 2 + row * row_step_; }
+
+  // Rows lie further apart than the processor looks ahead by itself.
+  void Prefetch([[maybe_unused]] const std::uint8_t* row, int y) const {
+    if (y >= rows_.height) return;
+#if defined(__GNUC__)
+    const std::ptrdiff_t bytes = samples_.BytesTo(width_ & ~1);
+    for (std::ptrdiff_t at = 0; at < bytes; at += 64) __builtin_prefetch(row + at);
+#endif
+  }
+
   ScannedRow& Scanned(int row) { return scanned_[static_cast<std::size_t>(row + 3) % 3]; }
   // In negated values rises and falls change places.
   const std::uint64_t* Rises(const ScannedRow& row) const {

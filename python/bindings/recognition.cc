@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -73,16 +74,34 @@ py::dict ToArrays(const std::vector<Target>& targets) {
   return out;
 }
 
-template <typename T>
-py::dict RecognizeArray(const py::array_t<T>& image, const RecognitionOptions& options,
-                        const CodeFamily& family) {
-  const ImageView<T> view = ViewOf(image);
-  std::vector<Target> targets;
-  {
-    const py::gil_scoped_release release;
-    targets = Recognize(view, options, family);
+/// Packed samples of one picture in memory that someone else owns, held alive here.
+struct PackedFrame {
+  py::array_t<std::uint8_t> data;
+  Packed12View view;
+};
+
+PackedFrame MakePacked(const py::array_t<std::uint8_t>& data, int height, int width,
+                       bool high_first) {
+  const auto order = high_first ? PackedOrder::kHighFirst : PackedOrder::kLowFirst;
+  const Packed12View view(data.data(), width, height, order);
+  const auto bytes =
+      Packed12Bytes(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  const bool flat = data.ndim() == 1 && (data.size() == 0 || data.strides(0) == 1);
+  if (!flat || static_cast<std::size_t>(data.size()) != bytes) {
+    throw py::value_error("data: expected " + std::to_string(bytes) + " contiguous bytes");
   }
-  return ToArrays(targets);
+  return {data, view};
+}
+
+py::array_t<std::uint16_t> Unpack(const PackedFrame& frame) {
+  const Packed12View& view = frame.view;
+  py::array_t<std::uint16_t> samples({view.height(), view.width()});
+  std::uint16_t* out = samples.mutable_data();
+  const py::gil_scoped_release release;
+  for (int y = 0; y < view.height(); ++y) {
+    for (int x = 0; x < view.width(); ++x) *out++ = static_cast<std::uint16_t>(view(x, y));
+  }
+  return samples;
 }
 
 FrameView FrameOf(const py::handle& frame) {
@@ -92,12 +111,25 @@ FrameView FrameOf(const py::handle& frame) {
   if (py::isinstance<py::array_t<std::uint16_t>>(frame)) {
     return ViewOf(py::reinterpret_borrow<py::array_t<std::uint16_t>>(frame));
   }
-  throw py::value_error("frames: expected arrays of uint8 or uint16");
+  if (py::isinstance<PackedFrame>(frame)) return frame.cast<const PackedFrame&>().view;
+  throw py::value_error("frames: expected arrays of uint8 or uint16, or packed frames");
+}
+
+py::dict RecognizeOne(const Recognizer& recognizer, const py::object& frame,
+                      const CameraModel* camera) {
+  const std::vector<FrameView> views = {FrameOf(frame)};
+  std::vector<std::vector<Target>> targets;
+  {
+    const py::gil_scoped_release release;
+    targets = recognizer.RecognizeFrames(views, 1, camera);
+  }
+  return ToArrays(targets.front());
 }
 
 /// The targets of all frames in one set of arrays; those of frame i stand at
 /// offsets[i] to offsets[i + 1].
-py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int num_threads) {
+py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int num_threads,
+                       const CameraModel* camera) {
   // Holds the arrays while the lock is released and the list may be changed.
   const py::tuple held(frames);
   std::vector<FrameView> views;
@@ -109,7 +141,7 @@ py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int
   std::vector<Target> all;
   {
     const py::gil_scoped_release release;
-    for (const auto& targets : recognizer.RecognizeFrames(views, num_threads)) {
+    for (const auto& targets : recognizer.RecognizeFrames(views, num_threads, camera)) {
       all.insert(all.end(), targets.begin(), targets.end());
       *++offset = static_cast<std::int64_t>(all.size());
     }
@@ -117,6 +149,25 @@ py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int
   py::dict out = ToArrays(all);
   out["offsets"] = offsets;
   return out;
+}
+
+std::optional<CameraModel> Learn(const Recognizer& recognizer, const py::object& frame) {
+  const FrameView view = FrameOf(frame);
+  const py::gil_scoped_release release;
+  return recognizer.Learn(view);
+}
+
+CameraModel MakeCamera(int gradient_threshold, int second_threshold, double blur_px,
+                       double blur_sigma_px, double noise_at_zero, double noise_per_grey,
+                       double noise_least, double light_gradient) {
+  CameraModel camera;
+  camera.gradient_threshold = gradient_threshold;
+  camera.second_threshold = second_threshold;
+  camera.picture.blur_px = blur_px;
+  camera.picture.blur_sigma_px = blur_sigma_px;
+  camera.picture.noise = {noise_at_zero, noise_per_grey, noise_least};
+  camera.picture.gradient = light_gradient;
+  return camera;
 }
 
 Estimator EstimatorOf(const std::string& name) {
@@ -200,12 +251,32 @@ void BindRecognition(py::module_& parent) {
   m.def("one_sector_apart", &OneSectorApart, "family"_a);
   m.def("code_family_names", &CodeFamilyNames);
   m.def("named_code_family", &NamedCodeFamily, "name"_a);
-  m.def("recognize", &RecognizeArray<std::uint8_t>, "image"_a.noconvert(), "options"_a, "family"_a);
-  m.def("recognize", &RecognizeArray<std::uint16_t>, "image"_a.noconvert(), "options"_a,
-        "family"_a);
+  py::class_<CameraModel>(m, "CameraModel")
+      .def(py::init(&MakeCamera), py::kw_only(), "gradient_threshold"_a, "second_threshold"_a,
+           "blur_px"_a, "blur_sigma_px"_a, "noise_at_zero"_a, "noise_per_grey"_a, "noise_least"_a,
+           "light_gradient"_a)
+      .def_readonly("gradient_threshold", &CameraModel::gradient_threshold)
+      .def_readonly("second_threshold", &CameraModel::second_threshold)
+      .def_property_readonly("blur_px", [](const CameraModel& c) { return c.picture.blur_px; })
+      .def_property_readonly("blur_sigma_px",
+                             [](const CameraModel& c) { return c.picture.blur_sigma_px; })
+      .def_property_readonly("noise_at_zero",
+                             [](const CameraModel& c) { return c.picture.noise.at_zero; })
+      .def_property_readonly("noise_per_grey",
+                             [](const CameraModel& c) { return c.picture.noise.per_grey; })
+      .def_property_readonly("noise_least",
+                             [](const CameraModel& c) { return c.picture.noise.least; })
+      .def_property_readonly("light_gradient",
+                             [](const CameraModel& c) { return c.picture.gradient; });
+  py::class_<PackedFrame>(m, "PackedFrame")
+      .def(py::init(&MakePacked), "data"_a.noconvert(), "height"_a, "width"_a, "high_first"_a)
+      .def("unpack", &Unpack);
   py::class_<Recognizer>(m, "Recognizer")
       .def(py::init<const RecognitionOptions&, const CodeFamily&>(), "options"_a, "family"_a)
-      .def("recognize_frames", &RecognizeList, "frames"_a, "num_threads"_a = 1);
+      .def("recognize", &RecognizeOne, "frame"_a, "camera"_a = nullptr)
+      .def("recognize_frames", &RecognizeList, "frames"_a, "num_threads"_a = 1,
+           "camera"_a = nullptr)
+      .def("learn", &Learn, "frame"_a);
 }
 
 }  // namespace videogrammetry::bindings

@@ -45,8 +45,11 @@ from videogrammetry.project import (
     write_rig,
 )
 from videogrammetry.recognition import (
+    CameraModel,
+    PackedFrame,
     RecognitionOptions,
     TargetSequence,
+    learn_camera,
     recognize,
     recognize_sequence,
 )
@@ -65,10 +68,12 @@ __all__ = [
     "CalibrationError",
     "CalibrationOptions",
     "CalibrationRun",
+    "CameraModel",
     "MatchingOptions",
     "Measurement",
     "MeasurementError",
     "MotionOptions",
+    "PackedFrame",
     "PointSet",
     "ProjectFileError",
     "RecognitionOptions",
@@ -84,6 +89,7 @@ __all__ = [
     "calibrate_frames",
     "calibrate_project",
     "compute_motion",
+    "learn_camera",
     "measure",
     "measure_frames",
     "measure_project",

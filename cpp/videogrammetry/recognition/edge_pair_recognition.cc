@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <numbers>
 #include <numeric>
+#include <tuple>
 
 #include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/model_pool.h"
@@ -273,10 +274,13 @@ void EdgePairRecognition::Add(const TargetEdge& edge) {
   targets_.push_back(target);
 }
 
-bool EdgePairRecognition::IsMeasured(const EllipseFrame& frame) const {
-  const double reach = 0.1 * std::sqrt(frame.shape.determinant());
-  const double x = frame.center.x(), y = frame.center.y();
-  return places_.AnyNear(x, y, reach, [](int) { return true; });
+bool EdgePairRecognition::IsMeasured(const Eigen::Vector2d& center, double area) const {
+  const double reach = 0.1 * std::sqrt(area / std::numbers::pi) + 0.3;
+  return places_.AnyNear(center.x(), center.y(), reach, [&](int number) {
+    const Ellipse& e = targets_[static_cast<std::size_t>(number)].edge.ellipse;
+    const double ratio = area / (std::numbers::pi * e.semi_major_px * e.semi_minor_px);
+    return ratio > 0.5 && ratio < 2.0;
+  });
 }
 
 void EdgePairRecognition::MeasureUnclear() {
@@ -291,10 +295,14 @@ void EdgePairRecognition::MeasureUnclear() {
 
 std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& regions,
                                                  const CameraModel* camera) {
-  const auto area = [&](int i) { return regions[static_cast<std::size_t>(i)].moments.area; };
   std::vector<int> order(regions.size());
   std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return area(a) > area(b); });
+  // Equal from wherever the areas come: of the whole picture or of a part of it.
+  std::sort(order.begin(), order.end(), [&](int a, int b) {
+    const ContourMoments &m = regions[static_cast<std::size_t>(a)].moments,
+                         &n = regions[static_cast<std::size_t>(b)].moments;
+    return std::tuple(-m.area, m.mean_y, m.mean_x) < std::tuple(-n.area, n.mean_y, n.mean_x);
+  });
   picture_ = camera ? std::optional(camera->picture) : Learn(regions, order);
   const double blur_px = UsualBlur();
   GreyWindow window;
@@ -305,9 +313,9 @@ std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& r
     // (not less than the minor axis)
     const double minor =
         m.area / (2.0 * std::numbers::pi * std::sqrt(std::max(m.var_xx, m.var_yy)));
-    if (rings_.Holds(center, minor)) continue;
+    if (rings_.Holds(center, minor) || IsMeasured(center, m.area)) continue;
     auto start = BeginAt(region, blur_px, &window);
-    if (!start || IsMeasured(start->dot.frame)) continue;
+    if (!start) continue;
     if (const auto edge = MeasureByModel(*start, window)) Add(*edge);
   }
   MeasureUnclear();

@@ -61,7 +61,8 @@ class EdgePairRecognition {
   void MeasureUnclear();
   void Add(const TargetEdge& edge);
   bool HasSize(const Ellipse& ellipse) const;
-  bool IsMeasured(const EllipseFrame& frame) const;  ///< a target's centre is there
+  /// Whether a target of much the same size is there.
+  bool IsMeasured(const Eigen::Vector2d& center, double area_px2) const;
 
   const RecognitionOptions& options_;
   const CodeFamily& family_;

@@ -22,8 +22,6 @@ using edge_pair::Storage;
 
 /// Pixels of a rise or fall that are looked at, from its inner end.
 constexpr int kLongestEdge = 64;
-/// Columns that share the memory of the last area found in them.
-constexpr int kColumns = 16;
 /// Square of the least minor over major axis: a tilt of 80 degrees.
 constexpr double kLeastRatio = 0.18;
 /// Freedom of the axes, pixels: they are judged after the fit.
@@ -61,8 +59,7 @@ class EdgePairSearch {
         max_length_(static_cast<int>(max_diameter_ + 1)),
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
-        star_(samples_, max_length_),
-        latest_(static_cast<std::size_t>(rows.width / kColumns) + 1, -1) {
+        star_(samples_, max_length_) {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
     for (ScannedRow& row : scanned_) {
       row.up.resize(words);
@@ -183,10 +180,28 @@ class EdgePairSearch {
     const int rise = RunStart(Rises(scanned), pair.rise) + 1 + left_;
     const int fall = RunEnd(Falls(scanned), pair.fall) + 1 + left_;
     if (fall - rise < least_length_) return;
-    const auto chord = MeasureChord(pair, rise, fall);
+    auto chord = MeasureChord(pair, rise, fall);
     if (!chord) return;
-    const auto star = star_.Look(chord->middle, y_, chord->level(), chord->length);
+    auto star = star_.Look(chord->middle, y_, chord->level(), chord->length);
+    if (star && BrightenLikeMiddle(*star, &*chord)) {
+      const auto brighter = star_.Look(RoundedX(*star), RoundedY(*star), chord->level(), 1 << 16);
+      if (brighter) star = brighter;
+    }
     if (star) Accept(*star, *chord);
+  }
+
+  static int RoundedX(const Star& star) { return static_cast<int>(star.x + 0.5f); }
+  static int RoundedY(const Star& star) { return static_cast<int>(star.y + 0.5f); }
+
+  // A chord near the area's border is darker than the middle: its level is too low and its
+  // area too large. True if the middle is so much brighter that this matters.
+  bool BrightenLikeMiddle(const Star& star, Chord* chord) const {
+    const int x = RoundedX(star), y = RoundedY(star);
+    if (x < 1 || x + 1 >= rows_.width || y < 0 || y >= rows_.height) return false;
+    const int inside = (samples_(x - 1, y) + samples_(x, y) + samples_(x + 1, y)) / 3;
+    const bool brighter = 8 * (inside - chord->inside) > chord->inside - chord->outside;
+    if (brighter) chord->inside = inside;
+    return brighter;
   }
 
   // Values at the chord's middle and where its edges begin and end. Much the same ground on
@@ -214,7 +229,7 @@ class EdgePairSearch {
     if (!(mean - half > 0.0)) return;
     const double major = 1.0 / std::sqrt(mean - half), minor = 1.0 / std::sqrt(mean + half);
     if (minor < kLeastRatio * major || 2.0 * minor < min_diameter_ - kFreePx ||
-        2.0 * major > max_diameter_ + kFreePx || IsKnown(star, minor)) {
+        2.0 * major > max_diameter_ + kFreePx) {
       return;
     }
     DotRegion region;
@@ -235,28 +250,6 @@ class EdgePairSearch {
     regions_.push_back(region);
   }
 
-  // True for an area found before from another row: one is kept for every few columns, the
-  // last.
-  bool IsKnown(const Star& star, double minor_px) {
-    const int column =
-        std::clamp(static_cast<int>(star.x) / kColumns, 0, static_cast<int>(latest_.size()) - 1);
-    const int last = std::min(column + 1, static_cast<int>(latest_.size()) - 1);
-    const double area = 1.0 / (star.sxx * star.syy - star.sxy * star.sxy);
-    for (int i = std::max(0, column - 1); i <= last; ++i) {
-      const int at = latest_[static_cast<std::size_t>(i)];
-      if (at < 0) continue;
-      const ContourMoments& known = regions_[static_cast<std::size_t>(at)].moments;
-      const double other = 16.0 * (known.var_xx * known.var_yy - known.var_xy * known.var_xy);
-      if (std::abs(known.mean_x - star.x) < 0.2 * minor_px + 0.5 &&
-          std::abs(known.mean_y - star.y) < 0.2 * minor_px + 0.5 &&
-          std::abs(other - area) < 0.5 * area) {
-        return true;
-      }
-    }
-    latest_[static_cast<std::size_t>(column)] = static_cast<int>(regions_.size());
-    return false;
-  }
-
   const SampleRows& rows_;
   const Samples<kStorage> samples_;
   const int threshold_;
@@ -269,7 +262,6 @@ class EdgePairSearch {
   int y_ = 0;
   std::vector<int> which_;  ///< words of the row with edges
   std::array<ScannedRow, 3> scanned_;
-  std::vector<int> latest_;  ///< index of the last area centred in the columns, or -1
   std::vector<DotRegion> regions_;
 };
 

@@ -33,9 +33,9 @@ struct DotRegion {
 ///    79 degrees).
 ///
 /// The level is the chord's own, so a dot with a dark rim is an area of its own on a
-/// background brighter than itself. A dot may be found twice: the caller leaves out what it
-/// has measured before. Segments of ring codes may be areas too. The moments are those of
-/// the ellipse, good to some tenths of a pixel.
+/// background brighter than itself. A dot may be found several times, from other rows and at
+/// other levels: the caller leaves out what it has measured before. Segments of ring codes may be
+/// areas too. The moments are those of the ellipse, good to some tenths of a pixel.
 ///
 /// Time and memory: a chord is followed no further than 2.5 times its length and along
 /// eight lines; of three rows the edges are kept, nothing of the picture is copied.

@@ -3,6 +3,7 @@
 // Private to the edge-pair search: what a bright area looks like from its middle.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -80,30 +81,38 @@ class StarLook {
   std::optional<Star> Look(int x, int y, int level, int length_px) const {
     // Half of five times the chord: minor / major >= 0.2.
     int most = Most(length_px);
-    const float up = Extent(x, y, 0, -1, level, most);
-    if (up < 0.0f) return std::nullopt;
-    const float down = Extent(x, y, 0, 1, level, most);
-    if (down < 0.0f) return std::nullopt;
-    y += Shift(up, down);
-    if (samples_(x, y) < level) return std::nullopt;
-    most = Most(static_cast<int>(up + down) + 1);
-    const float left = Extent(x, y, -1, 0, level, most);
-    if (left < 0.0f) return std::nullopt;
-    const float right = Extent(x, y, 1, 0, level, most);
-    if (right < 0.0f) return std::nullopt;
-    x += Shift(left, right);
-    if (samples_(x, y) < level) return std::nullopt;
+    // Of a slanted ellipse each turn goes a part of the way.
+    for (int turn = 0; turn < kMostTurns; ++turn) {
+      const float up = Extent(x, y, 0, -1, level, most);
+      if (up < 0.0f) return std::nullopt;
+      const float down = Extent(x, y, 0, 1, level, most);
+      if (down < 0.0f) return std::nullopt;
+      const int shift_y = Shift(up, down);
+      y += shift_y;
+      if (samples_(x, y) < level) return std::nullopt;
+      most = Most(static_cast<int>(up + down) + 1);
+      const float left = Extent(x, y, -1, 0, level, most);
+      if (left < 0.0f) return std::nullopt;
+      const float right = Extent(x, y, 1, 0, level, most);
+      if (right < 0.0f) return std::nullopt;
+      const int shift_x = Shift(left, right);
+      x += shift_x;
+      if (samples_(x, y) < level) return std::nullopt;
+      most = std::max(most, Most(static_cast<int>(left + right) + 1));
+      if (shift_x == 0 || (turn > 0 && std::abs(shift_x) + std::abs(shift_y) < 2)) break;
+    }
     return FromMiddle(x, y, level, most);
   }
 
  private:
   /// Steps by which a half diameter may be longer than its opposite, and the part of their
   /// sum; and how far the sides of Eq. (1) may differ, as a part of their sum.
-  static constexpr float kUnlikePx = 2.0f, kUnlike = 0.1f, kUneven = 0.18f, kUnevenPx = 0.4f;
+  static constexpr float kUnlikePx = 2.5f, kUnlike = 0.1f, kUneven = 0.18f, kUnevenPx = 0.4f;
+
+  static constexpr int kMostTurns = 4;
 
   int Most(int length) const {
-    const int most = 5 * length / 2 + 4;
-    return most < max_extent_ ? most : max_extent_;
+    return length < max_extent_ ? std::min(max_extent_, 5 * length / 2 + 4) : max_extent_;
   }
   static int Shift(float back, float ahead) {
     return static_cast<int>(std::floor(0.5f * (ahead - back) + 0.5f));
@@ -158,15 +167,38 @@ class StarLook {
     const float even = f + u, odd = d + r;
     if (std::abs(even - odd) > (kUneven + kUnevenPx / least) * (even + odd)) return std::nullopt;
     Star star;
-    // The middles of the four diameters, each good along itself.
-    star.x = static_cast<float>(x) + 0.5f * (flat.middle + falling.middle + rising.middle);
-    star.y = static_cast<float>(y) + 0.5f * (upright.middle + falling.middle - rising.middle);
     // Least squares of the four: each pair's sum is corrected by half the contradiction.
     const float half = 0.25f * (odd - even);
     star.sxx = f + half;
     star.syy = u + half;
     star.sxy = 0.5f * (d - r);
+    MoveToCentre(x, y, {flat.middle, upright.middle, falling.middle, rising.middle}, &star);
     return star;
+  }
+
+  // A diameter along the step n through a point p has its middle t steps from p, with
+  // n^T S (p - c + t n) = 0. Least squares of the four for c.
+  static void MoveToCentre(int x, int y, const std::array<float, 4>& t, Star* star) {
+    constexpr float kSteps[4][2] = {{1, 0}, {0, 1}, {1, 1}, {1, -1}};
+    float xx = 0, xy = 0, yy = 0, rx = 0, ry = 0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const float nx = kSteps[i][0], ny = kSteps[i][1];
+      const float sx = star->sxx * nx + star->sxy * ny, sy = star->sxy * nx + star->syy * ny;
+      const float along = sx * nx + sy * ny;
+      if (!(along > 0.0f)) continue;
+      const float ax = sx / along, ay = sy / along;
+      xx += ax * ax;
+      xy += ax * ay;
+      yy += ay * ay;
+      rx += ax * t[i];
+      ry += ay * t[i];
+    }
+    const float det = xx * yy - xy * xy;
+    star->x = static_cast<float>(x);
+    star->y = static_cast<float>(y);
+    if (!(det > 1e-6f)) return;
+    star->x += (yy * rx - xy * ry) / det;
+    star->y += (xx * ry - xy * rx) / det;
   }
 
   const Samples<kStorage>& samples_;

@@ -31,8 +31,7 @@ void TrackedOptions::Check() const {
                                 std::to_string(full_every));
   }
   if (!(margin_px >= 1.0) || !(margin_px <= 1000.0)) {
-    throw std::invalid_argument("margin_px: expected 1 ... 1000, got " +
-                                std::to_string(margin_px));
+    throw std::invalid_argument("margin_px: expected 1 ... 1000, got " + std::to_string(margin_px));
   }
 }
 

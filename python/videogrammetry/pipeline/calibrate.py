@@ -160,7 +160,10 @@ def recognize_frames(
         progress(len(frames) * count + done, len(sources) * count, "recognising")
 
     for name, source in sources.items():
-        found = recognize_sequence(source, options, num_threads=num_threads, progress=tell)
+        # The target comes near and goes: focus and light differ from picture to picture.
+        found = recognize_sequence(
+            source, options, camera=None, num_threads=num_threads, progress=tell
+        )
         frames[name] = [frame_targets(i + 1, source.name(i), t) for i, t in enumerate(found)]
     return frames
 

@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 
 from videogrammetry.errors import ProjectFileError, SequenceError
 from videogrammetry.project import CameraSection, Project, TargetsSection
-from videogrammetry.recognition import RecognitionOptions, recognize
+from videogrammetry.recognition import RecognitionOptions, read_frame, recognize
 from videogrammetry.sequence import open_sequence
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.types import FrameSource, Targets
@@ -77,7 +77,7 @@ def open_cameras(
 
 def read_and_recognize(source: FrameSource, index: int, options: RecognitionOptions) -> Targets:
     """The targets of one frame; an error names the frame."""
-    frame = source.read(index)
+    frame = read_frame(source, index, options)
     try:
         return recognize(frame, options)
     except ValueError as error:

@@ -28,7 +28,8 @@ class RecognitionOptions:
     polarity : ``white-on-black`` or ``black-on-white``.
     diameter_px : smallest minor and largest major axis of a dot, full lengths;
         3 <= smallest < largest <= 2000.
-    method : ``local-canny``, the paper's way.
+    method : ``local-canny``, the paper's way, or ``edge-pair``, the fast one, which
+        alone has a model of the camera and reads packed samples in place.
     estimator : how a dot that was found is measured. ``mean-gradient``, the
         paper's way; ``dual-conic``: an ellipse through the tangents that its
         grey values' gradients give; or ``model``: its grey values as those of a

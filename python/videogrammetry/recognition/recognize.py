@@ -9,21 +9,32 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry._core import recognition as _core
+from videogrammetry.recognition.camera_model import CameraModel
 from videogrammetry.recognition.codes import CODE_FAMILIES, CodeFamily, code_family, to_core
 from videogrammetry.recognition.options import RecognitionOptions
-from videogrammetry.types import Targets
+from videogrammetry.recognition.packed import as_packed, is_packed
+from videogrammetry.types import PackedSamples, Targets
+
+#: A picture as the core takes it: an array, or its own packed frame.
+CoreFrame = Any
 
 _DIRECTIONS = ("clockwise", "counter-clockwise")
 _POLARITIES = ("white-on-black", "black-on-white")
 _METHODS = ("edge-pair", "local-canny")
 _ESTIMATORS = ("mean-gradient", "dual-conic", "model")
+#: The method that reads packed samples in place and has a model of the camera.
+IN_PLACE = "edge-pair"
+_DEFAULTS = RecognitionOptions()
+_NATIVE = frozenset((np.dtype(np.uint8), np.dtype(np.uint16)))
+_LARGEST_SIDE = 1 << 16
 
 
 def recognize(
-    image: npt.NDArray[Any],
+    image: npt.NDArray[Any] | PackedSamples,
     options: RecognitionOptions | None = None,
     *,
     family: CodeFamily | None = None,
+    camera: CameraModel | None = None,
 ) -> Targets:
     """Find the circular targets of a picture and read their codes.
 
@@ -39,13 +50,16 @@ def recognize(
 
     Parameters
     ----------
-    image : (H, W) array of uint8 or uint16
+    image : (H, W) array of uint8 or uint16, or PackedFrame
         Grey values, linear; the range in use is found from the picture (10, 12
         or 14 bits in 16 are fine). Views of rows of a larger array pass
-        without a copy.
+        without a copy; so do packed samples with the method ``edge-pair``.
     options : RecognitionOptions, optional
     family : CodeFamily, optional
         Instead of the family that ``options.codes`` names.
+    camera : CameraModel, optional
+        Noise, blur and light as :func:`learn_camera` found them, for the method
+        ``edge-pair`` (others have no use for it). None: of this picture by itself.
 
     Returns
     -------
@@ -72,22 +86,71 @@ def recognize(
     >>> targets.centre_px.round(1).tolist(), targets.id.tolist()
     ([[40.3, 30.5]], [-1])
     """
-    options = options or RecognitionOptions()
-    image = _checked_image(image)
-    core_options = _core_options(options)
-    core_family = _named_family(options.codes) if family is None else to_core(family)
-    return Targets(**_core.recognize(image, core_options, core_family))
+    recognizer = core_recognizer(_DEFAULTS if options is None else options, family)
+    model = None if camera is None else core_camera(camera)
+    return Targets(**recognizer.recognize(checked_frame(image), model))
 
 
-def _checked_image(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    image = np.asarray(image)
+def core_recognizer(
+    options: RecognitionOptions, family: CodeFamily | None = None
+) -> _core.Recognizer:
+    """Options and codes as the core takes them; those of the last calls are kept.
+
+    Raises
+    ------
+    ValueError
+        An option or the family is not what is expected.
+    """
+    if family is not None:
+        core_family = to_core(family)
+    elif options.codes in CODE_FAMILIES:
+        core_family = _built_in_family(options.codes)
+    else:
+        # Files are read anew each time: they may have changed.
+        return _made_recognizer(options, to_core(code_family(options.codes)))
+    try:
+        return _kept_recognizer(options, core_family)
+    except TypeError:  # options with a list in them cannot be looked up
+        return _made_recognizer(options, core_family)
+
+
+def core_camera(camera: CameraModel) -> _core.CameraModel:
+    """The model as the core takes it; ValueError if it is something else."""
+    if not isinstance(camera, CameraModel):
+        raise ValueError(f"camera: expected a CameraModel or None, got {camera!r}")
+    return camera.core
+
+
+def checked_frame(image: Any) -> CoreFrame:
+    """The picture as the core takes it, copied only where its memory is of another kind.
+
+    Raises
+    ------
+    ValueError
+        It is no picture.
+    """
+    if (
+        isinstance(image, np.ndarray)
+        and image.ndim == 2
+        and image.dtype in _NATIVE
+        and image.strides == (image.shape[1] * image.itemsize, image.itemsize)
+        and max(image.shape) <= _LARGEST_SIDE
+    ):
+        return image
+    if not isinstance(image, np.ndarray) and is_packed(image):
+        return as_packed(image).core
+    return _checked_image(image)
+
+
+def _checked_image(given: Any) -> npt.NDArray[Any]:
+    image: npt.NDArray[Any] = np.asarray(given)
     if image.ndim != 2:
         raise ValueError(f"image: expected 2 dimensions (height, width), got shape {image.shape}")
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         raise ValueError(f"image: expected uint8 or uint16, got {image.dtype}")
     if not image.dtype.isnative:
         image = image.astype(image.dtype.newbyteorder("="))
-    if max(image.shape) > 1 << 16:
+    if max(image.shape) > _LARGEST_SIDE:
         raise ValueError(f"image: expected at most 65536 rows and columns, got {image.shape}")
     rows_apart = image.strides[0] >= image.strides[1] * image.shape[1]
     aligned = image.strides[0] % image.itemsize == 0
@@ -126,6 +189,11 @@ def _built_in_family(name: str) -> _core.CodeFamily:
     return _core.named_code_family(name)
 
 
-def _named_family(codes: str) -> _core.CodeFamily:
-    # Files are read anew each time: they may have changed.
-    return _built_in_family(codes) if codes in CODE_FAMILIES else to_core(code_family(codes))
+def _made_recognizer(
+    options: RecognitionOptions, core_family: _core.CodeFamily
+) -> _core.Recognizer:
+    return _core.Recognizer(_core_options(options), core_family)
+
+
+# By the options' values and the family's identity, which stays while it is kept here.
+_kept_recognizer = lru_cache(maxsize=16)(_made_recognizer)

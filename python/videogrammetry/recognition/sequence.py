@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 import threading
@@ -10,16 +11,25 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from queue import SimpleQueue
-from typing import Any, Protocol, SupportsIndex, cast
+from typing import Any, Literal, SupportsIndex, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry._core import recognition as _core
 from videogrammetry.errors import SequenceError
+from videogrammetry.recognition.camera_model import CameraModel
+from videogrammetry.recognition.learning import (
+    CameraRule,
+    Frames,
+    camera_rule,
+    frame_numbers,
+    read_frame,
+    same_depth_runs,
+)
 from videogrammetry.recognition.options import RecognitionOptions
-from videogrammetry.recognition.recognize import _checked_image, _core_options, _named_family
-from videogrammetry.types import Targets
+from videogrammetry.recognition.recognize import CoreFrame, checked_frame, core_recognizer
+from videogrammetry.types import PackedSamples, Targets
 
 _FIELDS = tuple(Targets.__dataclass_fields__)
 
@@ -29,18 +39,6 @@ _FIELDS = tuple(Targets.__dataclass_fields__)
 #: that threads with an easy frame do not wait long for one with a hard one.
 _RUN_PX = 1 << 20
 _LEAST_RUN = 4
-
-
-class Frames(Protocol):
-    """What is needed of a ``FrameSource`` here; ``name(index)`` is used where there is one."""
-
-    def __len__(self) -> int:
-        """Number of frames."""
-        ...
-
-    def read(self, index: int) -> npt.NDArray[Any]:
-        """The frame, (height, width); called from several threads at once."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +53,14 @@ class TargetSequence:
     targets : of all frames, one after the other.
     offsets : (S + 1,) those of the i-th frame stand at offsets[i] to offsets[i + 1].
     frame : (S,) the frames' numbers in the sequence, from 0.
+    camera : the model that the frames were measured by, learned or given; None:
+        each one said for itself.
     """
 
     targets: Targets
     offsets: npt.NDArray[np.int64]
     frame: npt.NDArray[np.int64]
+    camera: CameraModel | None = None
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -77,15 +78,23 @@ class TargetSequence:
 
 
 def recognize_sequence(
-    frames: Frames | Sequence[npt.NDArray[Any]] | npt.NDArray[Any],
+    frames: Frames | Sequence[npt.NDArray[Any] | PackedSamples] | npt.NDArray[Any],
     options: RecognitionOptions | None = None,
     *,
+    camera: CameraModel | Literal["learn"] | None = "learn",
     first: int = 0,
     last: int | None = None,
     num_threads: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> TargetSequence:
     """Find the targets of every frame, by threads: :func:`recognize` of each one.
+
+    With the method ``edge-pair`` all frames are measured by one model of the
+    camera, which is faster too: the targets are those of ``recognize(frame,
+    options, camera=result.camera)``. It is learned from some of the frames named
+    (:func:`learn_camera`); parts of a sequence agree if they are given the model
+    of one of them, or of the whole. Frames of another depth than the pictures
+    it was learned from say for themselves.
 
     The result does not depend on the number of threads. Of a sequence that is
     read, each thread holds one frame and no frame waits, so that memory does
@@ -96,10 +105,16 @@ def recognize_sequence(
     Parameters
     ----------
     frames : FrameSource, or (S, height, width) array or sequence of arrays
-        uint8 or uint16 as for :func:`recognize`. Of a source only ``read`` and
-        ``len`` are needed; ``read`` is called from several threads at once.
+        uint8 or uint16, or PackedFrame, as for :func:`recognize`. Of a source only
+        ``read`` and ``len`` are needed; ``read`` is called from several threads
+        at once. Where it has ``packed`` and the method is ``edge-pair``, packed
+        frames are recognised where they stand instead.
     options : RecognitionOptions, optional
         Checked once, before the first frame is read.
+    camera : CameraModel, "learn" or None
+        The model to measure by; "learn": from up to five frames, which are read
+        once more for it; None: each frame says for itself. Methods other than
+        ``edge-pair`` have none.
     first, last : int
         First and last frame, inclusive, from 0; None: to the end.
     num_threads : int
@@ -133,18 +148,24 @@ def recognize_sequence(
     ([0, 1, 2, 3], [40.0, 41.0, 42.0])
     """
     options = options or RecognitionOptions()
-    recognizer = _core.Recognizer(_core_options(options), _named_family(options.codes))
+    recognizer = core_recognizer(options)
     if num_threads < 0:
         raise ValueError(f"num_threads: expected >= 0 (0: one a core), got {num_threads}")
     num_threads = num_threads or os.cpu_count() or 1
     if isinstance(frames, np.ndarray):
         _check_stack(frames)
-    numbers = _numbers(len(frames), first, last)
+    numbers = frame_numbers(len(frames), first, last)
+    rule = camera_rule(camera, frames, options, numbers)
     tell = progress or (lambda done, total: None)
     if hasattr(frames, "read"):
-        parts = _of_source(cast(Frames, frames), numbers, recognizer, num_threads, tell)
+        source = cast(Frames, frames)
+
+        def one(index: int) -> dict[str, Any]:
+            return _one_frame(source, index, options, recognizer, rule)
+
+        parts = _of_source(one, numbers, num_threads, tell)
     else:
-        parts = _of_arrays(frames, numbers, recognizer, num_threads, tell)
+        parts = _of_arrays(frames, numbers, recognizer, rule, num_threads, tell)
     # A set of no frames gives the arrays their types where there is nothing else.
     parts = parts or [recognizer.recognize_frames([])]
     sizes = [np.diff(part["offsets"]) for part in parts]
@@ -152,6 +173,7 @@ def recognize_sequence(
         targets=Targets(**{n: np.concatenate([part[n] for part in parts]) for n in _FIELDS}),
         offsets=np.concatenate([[0], *sizes]).cumsum(dtype=np.int64),
         frame=np.arange(numbers.start, numbers.stop, dtype=np.int64),
+        camera=rule.camera,
     )
 
 
@@ -164,50 +186,58 @@ def _check_stack(frames: npt.NDArray[Any]) -> None:
         raise ValueError(f"frames: expected uint8 or uint16, got {frames.dtype}")
 
 
-def _numbers(length: int, first: int, last: int | None) -> range:
-    if length == 0 and first == 0 and last is None:
-        return range(0)
-    end = length - 1 if last is None else last
-    if not 0 <= first <= end < length:
-        raise ValueError(
-            f"first, last: expected 0 <= first <= last <= {length - 1}, the last frame; "
-            f"got {first} and {last}"
-        )
-    return range(first, end + 1)
-
-
 def _of_arrays(
     frames: Any,
     numbers: range,
     recognizer: _core.Recognizer,
+    rule: CameraRule,
     num_threads: int,
     tell: Callable[[int, int], None],
 ) -> list[dict[str, Any]]:
     """Runs of frames, the threads within the core."""
-    parts = []
+    parts: list[dict[str, Any]] = []
     done = 0
     while done < len(numbers):
-        size = max(1, np.asarray(frames[numbers[done]]).size)
+        size = max(1, math.prod(_shape(frames[numbers[done]])))
         run = numbers[done : done + num_threads * max(_LEAST_RUN, _RUN_PX // size)]
-        parts.append(
-            recognizer.recognize_frames([_checked_array(frames[i], i) for i in run], num_threads)
-        )
+        parts += _of_run(_checked_run(frames, run), recognizer, rule, num_threads)
         done += len(run)
         tell(done, len(numbers))
     return parts
 
 
-def _checked_array(frame: Any, index: int) -> npt.NDArray[Any]:
+def _of_run(
+    frames: list[CoreFrame], recognizer: _core.Recognizer, rule: CameraRule, num_threads: int
+) -> list[dict[str, Any]]:
+    one_rule = [frames] if rule.camera is None else same_depth_runs(frames)
+    return [
+        recognizer.recognize_frames(part, num_threads, rule.core_for(part[0])) for part in one_rule
+    ]
+
+
+def _checked_run(frames: Any, run: range) -> list[CoreFrame]:
+    if isinstance(frames, np.ndarray):
+        stack = np.asarray(frames[run.start : run.stop])
+        if np.may_share_memory(_checked_array(stack[0], run.start), stack):
+            return list(stack)  # as the first one they need no copy
+    return [_checked_array(frames[i], i) for i in run]
+
+
+def _shape(frame: Any) -> tuple[int, ...]:
+    shape: tuple[int, ...] | None = getattr(frame, "shape", None)
+    return np.shape(frame) if shape is None else shape
+
+
+def _checked_array(frame: Any, index: int) -> CoreFrame:
     try:
-        return _checked_image(frame)
+        return checked_frame(frame)
     except ValueError as error:
         raise ValueError(f"frame {index + 1}: {error}") from error
 
 
 def _of_source(
-    source: Frames,
+    one_frame: Callable[[int], dict[str, Any]],
     numbers: range,
-    recognizer: _core.Recognizer,
     num_threads: int,
     tell: Callable[[int, int], None],
 ) -> list[dict[str, Any]]:
@@ -230,7 +260,7 @@ def _of_source(
             if at >= len(numbers):
                 return
             try:
-                parts[at] = _one_frame(source, numbers[at], recognizer)
+                parts[at] = one_frame(numbers[at])
             except BaseException as error:
                 errors[at] = error
                 stop.set()
@@ -256,10 +286,17 @@ def _of_source(
     return parts
 
 
-def _one_frame(source: Frames, index: int, recognizer: _core.Recognizer) -> dict[str, Any]:
+def _one_frame(
+    source: Frames,
+    index: int,
+    options: RecognitionOptions,
+    recognizer: _core.Recognizer,
+    rule: CameraRule,
+) -> dict[str, Any]:
     try:
-        image = _checked_image(source.read(index))
-        return cast(dict[str, Any], recognizer.recognize_frames([image]))
+        frame = checked_frame(read_frame(source, index, options))
+        model = rule.core_for(frame)
+        return cast(dict[str, Any], recognizer.recognize_frames([frame], 1, model))
     except (SequenceError, ValueError, OSError) as error:
         name = source.name(index) if hasattr(source, "name") else f"frame {index + 1}"
         if isinstance(error, SequenceError) and name in str(error):

@@ -3,7 +3,7 @@
 The ``.mraw`` has all frames one after the other and nothing else: 8 bit, 16 bit
 (little-endian) or 12 bit packed, two samples in three bytes with the first one's
 upper eight bits first. It is mapped into memory, so that a frame of 8 or 16 bit
-is read without a copy.
+is read without a copy, and one of 12 bit can be recognised where it stands.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence import photron_header
-from videogrammetry.sequence.packing import packed_12bit_bytes, unpack_12bit
+from videogrammetry.sequence.packing import PackedPicture, packed_12bit_bytes, unpack_12bit
 from videogrammetry.sequence.photron_header import PhotronHeader
 from videogrammetry.sequence.source import check_index
 from videogrammetry.types import FrameSource
@@ -117,6 +117,18 @@ class MrawSource:
             native = frame.dtype.newbyteorder("=")
             samples = frame.reshape(height, width).astype(native, copy=False)
         return samples >> samples.dtype.type(self._shift) if self._shift else samples
+
+    def packed(self, index: int) -> PackedPicture | None:
+        """The frame's packed samples in the mapped file, not copied.
+
+        None where ``read`` is to be used: other bits than 12, an odd width, or
+        samples that have to be shifted.
+        """
+        check_index(index, len(self), str(self.paths[0]))
+        width, height = self.image_size_px
+        if self.header.stored_bits != 12 or self._shift or width % 2:
+            return None
+        return PackedPicture(data=self._frames[index], shape=(height, width))
 
 
 def open_file(path: Path) -> FrameSource:

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry._core import sequence as _core
+
+
+@dataclass(frozen=True, kw_only=True)
+class PackedPicture:
+    """A frame of packed 12-bit samples where it stands: ``types.PackedSamples``."""
+
+    data: npt.NDArray[np.uint8]
+    shape: tuple[int, int]
+    order: str = "high-first"
 
 
 def packed_12bit_bytes(num_samples: int) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy.typing as npt
 
 from videogrammetry.errors import SequenceError
-from videogrammetry.types import FrameSource
+from videogrammetry.types import FrameSource, PackedSamples
 
 
 @dataclass(frozen=True)
@@ -140,6 +140,13 @@ class JoinedSource:
         """The frame: (height, width), uint8 or uint16, C-contiguous."""
         which, at = self._locate(index)
         return self._sources[which].read(at)
+
+    def packed(self, index: int) -> PackedSamples | None:
+        """The frame's packed samples where they stand; None if it is to be read."""
+        which, at = self._locate(index)
+        packed = getattr(self._sources[which], "packed", None)
+        samples: PackedSamples | None = None if packed is None else packed(at)
+        return samples
 
 
 def check_index(index: int, length: int, what: str) -> None:

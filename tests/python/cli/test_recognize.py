@@ -192,7 +192,7 @@ def test_nothing_matches(run: Run, pictures: Path, spec: str) -> None:
         (("--diameter-px", "nan", "200"), "--diameter-px: expected 3 <= smallest < largest"),
         (("--codes", "schneider-13"), "--codes: expected one of "),
         (("--codes", "nothere.toml"), "--codes: nothere.toml: cannot be read"),
-        (("--method", "guess"), "--method: expected 'local-canny', got 'guess'"),
+        (("--method", "guess"), "--method: expected 'edge-pair' or 'local-canny', got 'guess'"),
     ],
 )
 def test_options_out_of_range(run: Run, options: tuple, word: str) -> None:

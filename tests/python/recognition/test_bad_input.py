@@ -41,7 +41,7 @@ def sheet(dtype=np.uint8):
 
 def same(a: Targets, b: Targets) -> bool:
     fields = [f.name for f in dataclasses.fields(Targets)]
-    return all(np.array_equal(getattr(a, f), getattr(b, f)) for f in fields)
+    return all(np.array_equal(getattr(a, f), getattr(b, f), equal_nan=True) for f in fields)
 
 
 def _plain():

@@ -68,7 +68,7 @@ class Source:
 
 def check_equal(found, frames, options=None):
     """``found`` is recognize() of each frame, bit for bit and type for type."""
-    single = [recognize(frame, options) for frame in frames]
+    single = [recognize(frame, options, camera=found.camera) for frame in frames]
     assert len(found) == len(single)
     assert found.offsets.tolist() == [0, *itertools.accumulate(map(len, single))]
     assert found.offsets.dtype == found.frame.dtype == np.int64
@@ -185,7 +185,7 @@ def test_strides_and_byte_orders_are_honoured(num_threads):
 def test_frames_of_different_size_and_depth():
     frames = [*film(3), *film(3, np.uint16), film(2)[1][:90, :100]]
     for kind in (list, Source):
-        check_equal(recognize_sequence(kind(frames), num_threads=2), frames)
+        check_equal(recognize_sequence(kind(frames), camera=None, num_threads=2), frames)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_a_frame_that_is_no_picture_is_named():
 @pytest.mark.parametrize("num_threads", [1, 2, 5])
 def test_a_thread_holds_one_frame(num_threads):
     source = Source(film(40), pause_s=0.001)
-    found = recognize_sequence(source, num_threads=num_threads)
+    found = recognize_sequence(source, camera=None, num_threads=num_threads)
     assert source.reads == len(found) == 40
     assert 1 <= source.most <= num_threads
     assert source.alive == 0
@@ -289,7 +289,7 @@ def test_an_interrupt_in_progress_stops(num_threads):
     source = Source([np.zeros((40, 40), np.uint8)] * 2000, pause_s=0.002)
     threads = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        recognize_sequence(source, num_threads=num_threads, progress=interrupt)
+        recognize_sequence(source, camera=None, num_threads=num_threads, progress=interrupt)
     # Each thread finishes its own; while the caller is told of the third frame
     # the others go on, far from the 2000.
     assert 3 <= source.reads < 500

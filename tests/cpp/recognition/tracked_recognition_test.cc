@@ -1,0 +1,121 @@
+#include "videogrammetry/recognition/tracked_recognition.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "synthetic_picture.h"
+
+namespace videogrammetry {
+namespace {
+
+using testing::Drawn;
+using testing::Picture;
+using testing::Render;
+
+RecognitionOptions FastOptions() {
+  RecognitionOptions options;
+  options.method = kEdgePair;
+  options.estimator = Estimator::kModel;
+  return options;
+}
+
+CodeFamily Family() { return NamedCodeFamily("schneider-14"); }
+
+/// Twelve dots, every third with a ring, that move on circles; dot `hidden` is not there.
+Picture<std::uint16_t> Moving(int frame, int hidden = -1) {
+  std::vector<Drawn> dots;
+  for (int i = 0; i < 12; ++i) {
+    if (i == hidden) continue;
+    const double t = 0.15 * frame + i;
+    Drawn dot{{70.0 + 90.0 * (i % 4) + 8.0 * std::cos(t), 60.0 + 90.0 * (i / 4) + 8.0 * std::sin(t),
+               6.0 + 0.3 * i, 5.0 + 0.2 * i, 0.2 * i},
+              {}};
+    if (i % 3 == 0) dot.bits = testing::Bits(Family().codes[static_cast<std::size_t>(40 + i)], 14);
+    dots.push_back(dot);
+  }
+  return Render(420, 320, dots, 3000.0, 300.0, 40.0, static_cast<unsigned>(frame + 1));
+}
+
+void ExpectSame(const std::vector<Target>& a, const std::vector<Target>& b, int frame) {
+  ASSERT_EQ(a.size(), b.size()) << "frame " << frame;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(a[i].edge.ellipse.x_px, b[i].edge.ellipse.x_px) << "frame " << frame;
+    EXPECT_EQ(a[i].edge.ellipse.y_px, b[i].edge.ellipse.y_px);
+    EXPECT_EQ(a[i].edge.cov, b[i].edge.cov);
+    EXPECT_EQ(a[i].ring.id, b[i].ring.id);
+    EXPECT_EQ(a[i].ring.status, b[i].ring.status);
+  }
+}
+
+TEST(TrackedRecognizerTest, GivesWhatTheWholeFramesSearchGives) {
+  TrackedRecognizer tracked(FastOptions(), Family(), {}, std::nullopt);
+  const Recognizer whole(FastOptions(), Family());
+  for (int frame = 0; frame < 30; ++frame) {
+    const auto picture = Moving(frame);
+    const TrackedFrame found = tracked.Next(picture.view());
+    ASSERT_TRUE(tracked.camera());
+    EXPECT_EQ(found.full, frame == 0);
+    EXPECT_EQ(found.lost, 0) << "frame " << frame;
+    EXPECT_EQ(found.targets.size(), 12u);
+    ExpectSame(found.targets, whole.RecognizeFrames({picture.view()}, 1, &*tracked.camera())[0],
+               frame);
+  }
+}
+
+TEST(TrackedRecognizerTest, SaysWhatIsLostAndFindsItAgain) {
+  TrackedOptions options;
+  options.full_every = 10;
+  TrackedRecognizer tracked(FastOptions(), Family(), options, std::nullopt);
+  for (int frame = 0; frame < 25; ++frame) {
+    const bool hidden = frame >= 4 && frame < 13;
+    const auto picture = Moving(frame, hidden ? 5 : -1);
+    const TrackedFrame found = tracked.Next(picture.view());
+    EXPECT_EQ(found.lost, frame == 4 ? 1 : 0) << "frame " << frame;
+    // A whole search after the loss, and with every tenth frame: there it is seen again.
+    EXPECT_EQ(found.full, frame % 10 == 0 || frame == 5) << "frame " << frame;
+    EXPECT_EQ(found.targets.size(), frame >= 4 && frame < 20 ? 11u : 12u) << "frame " << frame;
+  }
+}
+
+TEST(TrackedRecognizerTest, WidensTheWindowOfWhatJumps) {
+  TrackedRecognizer tracked(FastOptions(), Family(), {}, std::nullopt);
+  for (int frame = 0; frame < 6; ++frame) {
+    const double x = frame < 4 ? 100.0 : 109.0;  // beyond the margin of 4 px and the ground
+    const auto picture =
+        Render(200, 200, {{{x, 100.0, 6.0, 6.0, 0.0}, {}}}, 3000.0, 300.0, 40.0);
+    const TrackedFrame found = tracked.Next(picture.view());
+    EXPECT_EQ(found.targets.size(), 1u) << "frame " << frame;
+    EXPECT_EQ(found.lost, 0);
+    EXPECT_EQ(found.full, frame == 0);
+  }
+}
+
+TEST(TrackedRecognizerTest, GoesThroughEmptyFrames) {
+  TrackedRecognizer tracked(FastOptions(), Family(), {}, std::nullopt);
+  const Picture<std::uint16_t> empty{420, 320, std::vector<std::uint16_t>(420 * 320, 300)};
+  EXPECT_TRUE(tracked.Next(empty.view()).targets.empty());
+  EXPECT_EQ(tracked.Next(Moving(0).view()).targets.size(), 12u);
+  EXPECT_EQ(tracked.Next(empty.view()).lost, 12);
+  EXPECT_EQ(tracked.Next(Moving(1).view()).targets.size(), 12u);
+  EXPECT_TRUE(tracked.Next(ImageView8()).targets.empty());
+}
+
+TEST(TrackedRecognizerTest, RefusesWhatCannotBe) {
+  TrackedOptions options;
+  options.full_every = 0;
+  EXPECT_THROW(TrackedRecognizer(FastOptions(), Family(), options, std::nullopt),
+               std::invalid_argument);
+  options = {};
+  options.margin_px = 0.5;
+  EXPECT_THROW(TrackedRecognizer(FastOptions(), Family(), options, std::nullopt),
+               std::invalid_argument);
+  RecognitionOptions paper = FastOptions();
+  paper.method = kLocalCanny;
+  EXPECT_THROW(TrackedRecognizer(paper, Family(), {}, std::nullopt), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace videogrammetry

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 #include "videogrammetry/recognition/dot_look.h"
 #include "videogrammetry/recognition/model_pool.h"
@@ -69,8 +70,9 @@ bool IsClear(const ModelFit& fit, const GreyNoise& noise) {
   return excess * unit <= kDot * kDot && chance * unit <= kBlind * kBlind;
 }
 
-/// The flare that dots have in common beyond chance, or 0.
-double PoolFlare(const std::vector<FlareSample>& flares) {
+/// The flare that dots have in common beyond chance, or 0. The median of a gradient's
+/// square is 2 ln 2 times the variance of a coordinate.
+double PoolFlare(std::vector<FlareSample> flares) {
   // Twelve dots' squares over their variances scatter by 0.29 about 1; one dot's glare is
   // not the picture's.
   constexpr double kSignificant = 2.0, kMostSquares = 8.0;
@@ -81,8 +83,11 @@ double PoolFlare(const std::vector<FlareSample>& flares) {
     noise += flare.noise;
   }
   const auto count = static_cast<double>(flares.size());
-  const double ratio = sum / count;
-  return ratio > kSignificant ? std::sqrt((ratio - 1.0) * noise / count) : 0.0;
+  if (sum < kSignificant * count) return 0.0;
+  const auto middle = flares.begin() + static_cast<std::ptrdiff_t>(flares.size() / 2);
+  std::nth_element(flares.begin(), middle, flares.end(),
+                   [](const FlareSample& a, const FlareSample& b) { return a.square < b.square; });
+  return std::sqrt(std::max(0.0, middle->square / (2.0 * std::numbers::ln2) - noise / count));
 }
 
 /// A window's samples as a picture of its own, so that every depth's are the same.
@@ -206,7 +211,7 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegi
     if (const auto flare = MeasureFlare(window, *fit)) flares.push_back(*flare);
   }
   picture->gradient = PoolGradient(fits);
-  const double flare = PoolFlare(flares);
+  const double flare = PoolFlare(std::move(flares));
   if (kFlareLever * picture->blur_px * flare > kFlarePx) picture->flare = kFlareTails * flare;
   return picture;
 }

@@ -1,9 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
-
+#include <algorithm>
 #include <cmath>
 #include <functional>
+#include <vector>
 
 #include "synthetic_picture.h"
 #include "videogrammetry/recognition/dot_look.h"
@@ -102,14 +103,14 @@ TEST(EdgePairRecognitionTest, FindsDotsOnANarrowRim) {
 TEST(EdgePairRecognitionTest, FindsDotsWithTexture) {
   const auto dots = Grid(14.0, 60.0);
   const auto dot = Coverage(dots);
-  // Noise of 5 % of the contrast in the dots alone: the threshold follows the ground's.
+  // Five times the ground's noise, which the threshold follows, in the dots alone.
   const auto picture = Paint([&](std::size_t i, int x, int y) {
-    return 3000.0 - 2600.0 * dot[i] + (10.0 + 120.0 * dot[i]) * Noise(x, y, 3);
+    return 3000.0 - 2600.0 * dot[i] + (10.0 + 40.0 * dot[i]) * Noise(x, y, 3);
   });
   const auto targets = RecognizeIn(picture, Polarity::kBlackOnWhite);
   EXPECT_EQ(targets.size(), dots.size());
-  // An edge of blur s and length L: s_n / C sqrt(2 sqrt(pi) s / (L / 2)) = 0.01 px; five-fold.
-  EXPECT_LT(LargestError(dots, targets), 0.05);
+  // An edge of blur s and length L: s_n / C sqrt(2 sqrt(pi) s / (L / 2)) = 0.005 px; five-fold.
+  EXPECT_LT(LargestError(dots, targets), 0.025);
 }
 
 TEST(EdgePairRecognitionTest, LightThatIsAddedMovesNoDot) {

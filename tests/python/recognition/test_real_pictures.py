@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from videogrammetry.recognition import RecognitionOptions, recognize
+
 pytest.importorskip("cv2")
 ACCURACY = Path(__file__).parents[3] / "bench" / "accuracy"
 sys.path.insert(0, str(ACCURACY))
@@ -13,8 +15,6 @@ try:
     import recognition_methods as methods
 finally:
     sys.path.remove(str(ACCURACY))
-
-from videogrammetry.recognition import RecognitionOptions, recognize
 
 EDGE_PAIR = {"method": "edge-pair", "estimator": "model"}
 

@@ -241,7 +241,8 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start
   return edge;
 }
 
-std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const DotStart& dot) {
+std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureByLocalCanny(
+    const DotStart& dot) {
   const WindowPicture local(WindowOf(dot.frame, kUnclearReachPx), reader_.sign());
   Candidate candidate;
   candidate.ellipse = local.Inwards(dot.frame.ToEllipse());
@@ -250,12 +251,15 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureByLocalCanny(const DotStar
   auto edge = MeasureTargetEdge(local.image(), candidate, options_);
   if (!edge) return std::nullopt;
   edge->ellipse = local.Outwards(edge->ellipse);
-  if (options_.estimator == Estimator::kModel)
-    local.Refine(picture_ ? &*picture_ : nullptr, &*edge);
-  return edge;
+  CannyDot measured = {*edge, *edge};
+  if (options_.estimator == Estimator::kModel) {
+    local.Refine(picture_ ? &*picture_ : nullptr, &measured.edge);
+  }
+  return measured;
 }
 
-std::optional<TargetEdge> EdgePairRecognition::MeasureUnclearAt(const Start& start) {
+std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureUnclearAt(
+    const Start& start) {
   if (auto edge = MeasureByLocalCanny(start.dot)) return edge;
   // What lies beyond a narrow rim draws the moments aside,
   if (auto edge = MeasureByLocalCanny(start.cut_out)) return edge;
@@ -266,14 +270,14 @@ std::optional<TargetEdge> EdgePairRecognition::MeasureUnclearAt(const Start& sta
   return low ? MeasureByLocalCanny(*low) : std::nullopt;
 }
 
-void EdgePairRecognition::Add(const TargetEdge& edge) {
+void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot) {
   const Ellipse& e = edge.ellipse;
   if (IsKnown(e, targets_, places_)) return;
   places_.Insert(e.x_px, e.y_px, static_cast<int>(targets_.size()));
   Target target{edge, {}};
   if (family_.num_bits > 0) {
-    const GreyWindow window = ReadRingWindow(edge, family_, &reader_);
-    target.ring = ReadRing(window, edge, family_, options_.direction);
+    const GreyWindow window = ReadRingWindow(ring_dot, family_, &reader_);
+    target.ring = ReadRing(window, ring_dot, family_, options_.direction);
     rings_.Add(target);
   }
   targets_.push_back(target);
@@ -293,8 +297,8 @@ void EdgePairRecognition::MeasureUnclear() {
     const Ellipse e = start.dot.frame.ToEllipse();
     if (rings_.Holds(start.dot.frame.center, e.semi_minor_px)) continue;
     if (IsKnown(e, targets_, places_)) continue;
-    const auto edge = MeasureUnclearAt(start);
-    if (edge) Add(*edge);
+    const auto dot = MeasureUnclearAt(start);
+    if (dot) Add(dot->edge, dot->found);
   }
 }
 
@@ -321,7 +325,7 @@ std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& r
     if (rings_.Holds(center, minor) || IsMeasured(center, m.area)) continue;
     auto start = BeginAt(region, blur_px, &window);
     if (!start) continue;
-    if (const auto edge = MeasureByModel(*start, window)) Add(*edge);
+    if (const auto edge = MeasureByModel(*start, window)) Add(*edge, *edge);
   }
   MeasureUnclear();
   std::sort(targets_.begin(), targets_.end(), [](const Target& a, const Target& b) {

@@ -50,16 +50,23 @@ class EdgePairRecognition {
     DotStart cut_out;  ///< as the area has it, its moments not yet those of grey values
   };
 
+  /// A dot that the local Canny found, and as FitModel has it. Light that changes along an
+  /// edge may draw the fit aside, and with it the ring's sectors: they are read by the former.
+  struct CannyDot {
+    TargetEdge edge, found;
+  };
+
   GreyWindow WindowOf(const EllipseFrame& frame, double more_px);
   std::optional<Start> BeginAt(const DotRegion& region, double blur_px, GreyWindow* window);
   std::optional<PictureModel> Learn(const std::vector<DotRegion>& regions,
                                     const std::vector<int>& order);
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
-  std::optional<TargetEdge> MeasureByLocalCanny(const DotStart& dot);
-  std::optional<TargetEdge> MeasureUnclearAt(const Start& start);
+  std::optional<CannyDot> MeasureByLocalCanny(const DotStart& dot);
+  std::optional<CannyDot> MeasureUnclearAt(const Start& start);
   double UsualBlur() const { return picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx; }
   void MeasureUnclear();
-  void Add(const TargetEdge& edge);
+  /// @param ring_dot  the same dot as the ring is to be read by.
+  void Add(const TargetEdge& edge, const TargetEdge& ring_dot);
   bool HasSize(const Ellipse& ellipse) const;
   /// Whether a target of much the same size is there.
   bool IsMeasured(const Eigen::Vector2d& center, double area_px2) const;

@@ -84,8 +84,7 @@ TEST(TrackedRecognizerTest, WidensTheWindowOfWhatJumps) {
   TrackedRecognizer tracked(FastOptions(), Family(), {}, std::nullopt);
   for (int frame = 0; frame < 6; ++frame) {
     const double x = frame < 4 ? 100.0 : 109.0;  // beyond the margin of 4 px and the ground
-    const auto picture =
-        Render(200, 200, {{{x, 100.0, 6.0, 6.0, 0.0}, {}}}, 3000.0, 300.0, 40.0);
+    const auto picture = Render(200, 200, {{{x, 100.0, 6.0, 6.0, 0.0}, {}}}, 3000.0, 300.0, 40.0);
     const TrackedFrame found = tracked.Next(picture.view());
     EXPECT_EQ(found.targets.size(), 1u) << "frame " << frame;
     EXPECT_EQ(found.lost, 0);

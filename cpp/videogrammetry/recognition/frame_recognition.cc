@@ -62,10 +62,9 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   return targets;
 }
 
-/// The second search: threshold over the first one's, and least diameter. Texture breaks a
-/// chord in proportion to its length: dots below are as well found by the first.
+/// The second search's threshold over the first one's. On fewer rows, for larger dots alone, it
+/// lost some whose few chords were broken all the same.
 constexpr int kSecondThreshold = 3;
-constexpr double kSecondDiameterPx = 8.0;
 
 /// Areas of both searches; those of the second begin at `second`.
 struct DotAreas {
@@ -82,21 +81,19 @@ DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
   DotAreas areas;
   areas.regions = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
   areas.second = areas.regions.size();
-  const double least = std::max(options.diameter_px[0], kSecondDiameterPx);
-  if (second_threshold == 0 || least >= options.diameter_px[1]) return areas;
+  if (second_threshold == 0) return areas;
   PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
   for (std::size_t i = 0; i < areas.second; ++i) {
     const ContourMoments& m = areas.regions[i].moments;
     index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
   }
-  const std::array<double, 2> diameters = {least, options.diameter_px[1]};
-  for (const DotRegion& area : FindDotRegions(frame, sign, diameters, second_threshold, windows)) {
+  for (const DotRegion& area :
+       FindDotRegions(frame, sign, options.diameter_px, second_threshold, windows)) {
     const ContourMoments& m = area.moments;
-    // At another threshold a level moves a border by half a pixel.
-    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
-      const ContourMoments& other = areas.regions[static_cast<std::size_t>(number)].moments;
-      return std::abs(m.width_px - other.width_px) <= 2 &&
-             std::abs(m.height_px - other.height_px) <= 2;
+    // The very same one: another level may make a dot of what was none.
+    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
+      const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
+      return std::abs(m.area - other) < 0.01 * other;
     });
     if (!known) areas.regions.push_back(area);
   }

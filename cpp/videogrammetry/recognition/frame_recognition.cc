@@ -1,6 +1,7 @@
 #include "videogrammetry/recognition/frame_recognition.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <type_traits>
@@ -61,7 +62,8 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   return targets;
 }
 
-/// The second search's threshold over the first one's.
+/// The second search's threshold over the first one's. On fewer rows, for larger dots alone, it
+/// lost some whose few chords were broken all the same.
 constexpr int kSecondThreshold = 3;
 
 /// Areas of both searches; those of the second begin at `second`.
@@ -88,11 +90,10 @@ DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
   for (const DotRegion& area :
        FindDotRegions(frame, sign, options.diameter_px, second_threshold, windows)) {
     const ContourMoments& m = area.moments;
-    // At another threshold a level moves a border by half a pixel.
-    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.5, [&](int number) {
-      const ContourMoments& other = areas.regions[static_cast<std::size_t>(number)].moments;
-      return std::abs(m.width_px - other.width_px) <= 2 &&
-             std::abs(m.height_px - other.height_px) <= 2;
+    // The very same one: another level may make a dot of what was none.
+    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
+      const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
+      return std::abs(m.area - other) < 0.01 * other;
     });
     if (!known) areas.regions.push_back(area);
   }

@@ -110,7 +110,7 @@ RecognitionOptions OptionsOf(const Bytes& bytes) {
   options.direction =
       bytes[5] & 2 ? ReadingDirection::kCounterClockwise : ReadingDirection::kClockwise;
   constexpr Estimator kEstimators[] = {Estimator::kMeanGradient, Estimator::kDualConic,
-                                       Estimator::kModel, Estimator::kMeanGradient};
+                                       Estimator::kModel, Estimator::kOfMethod};
   options.estimator = kEstimators[bytes[5] >> 2 & 3];
   options.codes = kCodes[bytes[5] >> 4 & 7];
   options.method = kMethods[static_cast<std::size_t>(bytes[6]) % std::size(kMethods)];

@@ -159,7 +159,7 @@ std::optional<CameraModel> Learn(const Recognizer& recognizer, const py::object&
 
 CameraModel MakeCamera(int gradient_threshold, int second_threshold, double blur_px,
                        double blur_sigma_px, double noise_at_zero, double noise_per_grey,
-                       double noise_least, double light_gradient) {
+                       double noise_least, double light_gradient, double flare) {
   CameraModel camera;
   camera.gradient_threshold = gradient_threshold;
   camera.second_threshold = second_threshold;
@@ -167,15 +167,17 @@ CameraModel MakeCamera(int gradient_threshold, int second_threshold, double blur
   camera.picture.blur_sigma_px = blur_sigma_px;
   camera.picture.noise = {noise_at_zero, noise_per_grey, noise_least};
   camera.picture.gradient = light_gradient;
+  camera.picture.flare = flare;
   return camera;
 }
 
 Estimator EstimatorOf(const std::string& name) {
+  if (name == "auto") return Estimator::kOfMethod;
   if (name == "mean-gradient") return Estimator::kMeanGradient;
   if (name == "dual-conic") return Estimator::kDualConic;
   if (name == "model") return Estimator::kModel;
-  throw py::value_error("estimator: expected 'mean-gradient', 'dual-conic' or 'model', got '" +
-                        name + "'");
+  throw py::value_error(
+      "estimator: expected 'auto', 'mean-gradient', 'dual-conic' or 'model', got '" + name + "'");
 }
 
 const char* NameOf(Estimator estimator) {
@@ -184,8 +186,10 @@ const char* NameOf(Estimator estimator) {
       return "dual-conic";
     case Estimator::kModel:
       return "model";
-    default:
+    case Estimator::kMeanGradient:
       return "mean-gradient";
+    default:
+      return "auto";
   }
 }
 
@@ -254,7 +258,7 @@ void BindRecognition(py::module_& parent) {
   py::class_<CameraModel>(m, "CameraModel")
       .def(py::init(&MakeCamera), py::kw_only(), "gradient_threshold"_a, "second_threshold"_a,
            "blur_px"_a, "blur_sigma_px"_a, "noise_at_zero"_a, "noise_per_grey"_a, "noise_least"_a,
-           "light_gradient"_a)
+           "light_gradient"_a, "flare"_a)
       .def_readonly("gradient_threshold", &CameraModel::gradient_threshold)
       .def_readonly("second_threshold", &CameraModel::second_threshold)
       .def_property_readonly("blur_px", [](const CameraModel& c) { return c.picture.blur_px; })
@@ -267,7 +271,8 @@ void BindRecognition(py::module_& parent) {
       .def_property_readonly("noise_least",
                              [](const CameraModel& c) { return c.picture.noise.least; })
       .def_property_readonly("light_gradient",
-                             [](const CameraModel& c) { return c.picture.gradient; });
+                             [](const CameraModel& c) { return c.picture.gradient; })
+      .def_property_readonly("flare", [](const CameraModel& c) { return c.picture.flare; });
   py::class_<PackedFrame>(m, "PackedFrame")
       .def(py::init(&MakePacked), "data"_a.noconvert(), "height"_a, "width"_a, "high_first"_a)
       .def("unpack", &Unpack);

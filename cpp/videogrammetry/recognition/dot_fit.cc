@@ -27,7 +27,7 @@ constexpr double kNearPx = 0.03, kUsualFactor = 1.5;
 /// A first step this long, and one that is so large a part of the one before, asks
 /// for new derivatives.
 constexpr double kFarPx = 0.25, kSlow = 0.3;
-constexpr double kHuber = 4.0;
+constexpr double kHuber = 4.0, kStartOff = 0.2;
 constexpr double kLeastBlurPx = 0.3, kMostBlurPx = 3.0;
 /// Without a picture's model: how well the usual blur is known.
 constexpr double kUsualBlurSigmaPx = 0.5;
@@ -36,6 +36,8 @@ constexpr double kUsualNoise = 0.02;
 /// A fit that leaves the start by more than this, and by this part of the dot, has
 /// found something else.
 constexpr double kMostMovedPx = 0.5, kMostMoved = 0.1;
+/// And so has one with less than this part of its contrast.
+constexpr double kLeastContrast = 0.2;
 
 /// An ellipse's semi axes and E = mean I + half U, U symmetric, traceless, U^2 = I.
 struct Axes {
@@ -275,8 +277,13 @@ bool Iteration::Step(bool linearise) {
 
 bool Iteration::Run() {
   if (count() < 2 * kNumParameters || !(contrast_ > 0.0)) return false;
-  // Without a model nothing is an outlier before the first step.
-  double scale = picture_ ? 1.0 : 1e3;
+  // What the start is aside by is no outlier: with a model what exceeds a fifth of the
+  // contrast is one before the first step, without one nothing.
+  double scale = 1e3;
+  if (picture_) {
+    const double sigma = std::sqrt(picture_->noise.Variance(0.5 * (values_[kIn] + values_[kOut])));
+    scale = std::max(1.0, kStartOff * contrast_ / (kHuber * sigma));
+  }
   bool linearise = true;
   double before = 1.0;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
@@ -300,7 +307,8 @@ std::optional<ModelFit> Iteration::Result(const DotStart& start, bool pool) cons
   fit.ellipse = frame.ToEllipse();
   const double most = kMostMovedPx + kMostMoved * fit.ellipse.semi_minor_px;
   const double contrast = values_[kIn] - values_[kOut];
-  if ((frame.center - start.frame.center).norm() > most || !(contrast > 0.0)) return std::nullopt;
+  if ((frame.center - start.frame.center).norm() > most) return std::nullopt;
+  if (!(contrast > kLeastContrast * contrast_)) return std::nullopt;
   fit.inside = values_[kIn];
   fit.outside = values_[kOut];
   fit.blur_px = values_[kBlur];

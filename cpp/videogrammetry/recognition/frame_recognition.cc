@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <type_traits>
 
 #include "videogrammetry/recognition/candidate_search.h"
@@ -100,16 +101,22 @@ DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
   return areas;
 }
 
-/// Whether a target is where an area of the second search was.
-bool NeedsSecondSearch(const DotAreas& areas, const std::vector<Target>& targets) {
-  for (std::size_t i = areas.second; i < areas.regions.size(); ++i) {
+/// Whether a target is where the first search had no area of about its size.
+bool NeedsSecondSearch(const FrameView& frame, const DotAreas& areas,
+                       const std::vector<Target>& targets) {
+  PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
+  for (std::size_t i = 0; i < areas.second; ++i) {
     const ContourMoments& m = areas.regions[i].moments;
-    for (const Target& target : targets) {
-      const Ellipse& e = target.edge.ellipse;
-      if (std::hypot(e.x_px - m.mean_x, e.y_px - m.mean_y) < 0.5 * e.semi_minor_px) return true;
-    }
+    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
   }
-  return false;
+  return std::any_of(targets.begin(), targets.end(), [&](const Target& target) {
+    const Ellipse& e = target.edge.ellipse;
+    const double area = std::numbers::pi * e.semi_major_px * e.semi_minor_px;
+    return !index.AnyNear(e.x_px, e.y_px, 0.5 * e.semi_minor_px, [&](int number) {
+      const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
+      return other > 0.5 * area && other < 2.0 * area;
+    });
+  });
 }
 
 /// The fast way, in parts of the picture. What it learned of the camera goes to `learned`,
@@ -127,7 +134,7 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
   std::vector<Target> targets = recognition.Measure(areas.regions, camera);
   SelectByRings(family, frame, &targets);
   if (learned && recognition.picture()) {
-    const bool both = NeedsSecondSearch(areas, targets);
+    const bool both = NeedsSecondSearch(frame, areas, targets);
     *learned = CameraModel{first, both ? second : 0, *recognition.picture()};
   }
   return targets;

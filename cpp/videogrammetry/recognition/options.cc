@@ -16,4 +16,13 @@ void RecognitionOptions::Check() const {
   }
 }
 
+RecognitionOptions RecognitionOptions::Resolved() const {
+  Check();
+  RecognitionOptions resolved = *this;
+  if (estimator == Estimator::kOfMethod) {
+    resolved.estimator = method == kEdgePair ? Estimator::kModel : Estimator::kMeanGradient;
+  }
+  return resolved;
+}
+
 }  // namespace videogrammetry

@@ -7,14 +7,12 @@ namespace videogrammetry {
 
 std::vector<Target> Recognize(const FrameView& frame, const RecognitionOptions& options,
                               const CodeFamily& family) {
-  options.Check();
   family.Check();
-  return RecognizeFrame(frame, options, family, nullptr, WholeFrame(frame), nullptr);
+  return RecognizeFrame(frame, options.Resolved(), family, nullptr, WholeFrame(frame), nullptr);
 }
 
 Recognizer::Recognizer(const RecognitionOptions& options, const CodeFamily& family)
-    : options_(options), family_(family) {
-  options_.Check();
+    : options_(options.Resolved()), family_(family) {
   family_.Check();
 }
 

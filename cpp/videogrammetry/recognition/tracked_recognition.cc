@@ -38,8 +38,7 @@ void TrackedOptions::Check() const {
 TrackedRecognizer::TrackedRecognizer(const RecognitionOptions& options, const CodeFamily& family,
                                      const TrackedOptions& tracked,
                                      std::optional<CameraModel> camera)
-    : options_(options), family_(family), tracked_(tracked), camera_(std::move(camera)) {
-  options_.Check();
+    : options_(options.Resolved()), family_(family), tracked_(tracked), camera_(std::move(camera)) {
   family_.Check();
   tracked_.Check();
   if (options_.method != kEdgePair) {

@@ -33,7 +33,7 @@ from videogrammetry.types import Targets
 
 DIRECTIONS = ("clockwise", "counter-clockwise")
 POLARITIES = ("white-on-black", "black-on-white")
-ESTIMATORS = ("mean-gradient", "dual-conic", "model")
+ESTIMATORS = ("auto", "mean-gradient", "dual-conic", "model")
 
 
 def add_parser(verbs: SubParsers) -> None:

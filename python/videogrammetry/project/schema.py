@@ -23,8 +23,7 @@ SCHEMA = 1
 MAX_CAMERAS = 64
 DIRECTIONS = ("clockwise", "counter-clockwise")
 POLARITIES = ("white-on-black", "black-on-white")
-ESTIMATORS = ("mean-gradient", "dual-conic", "model")
-ESTIMATORS = ("mean-gradient", "dual-conic", "model")
+ESTIMATORS = ("auto", "mean-gradient", "dual-conic", "model")
 FILTERS = ("none", "savitzky-golay", "butterworth")
 START_NAMES = ("f_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "E1", "E2")
 
@@ -80,7 +79,7 @@ class TargetsSection:
     ``codes`` is a family's name, ``none``, or the absolute path of a table file.
     ``diameter_px`` is the smallest minor and the largest major axis;
     ``diameter_mm`` the circle's diameter: ``measure`` leaves out what has another
-    size (eccentricity is not corrected yet);
+    size, and corrects the ellipses' centres to those of the circles;
     ``thickness_mm`` a sticker's height over the surface. ``estimator`` is how a
     dot that was found is measured, see ``recognition.RecognitionOptions``.
     """
@@ -89,8 +88,8 @@ class TargetsSection:
     direction: str = "clockwise"
     polarity: str = "white-on-black"
     diameter_px: tuple[float, float] = (5.0, 200.0)
-    method: str = "local-canny"
-    estimator: str = "mean-gradient"
+    method: str = "edge-pair"
+    estimator: str = "auto"
     diameter_mm: float | None = None
     thickness_mm: float = 0.0
 

@@ -43,6 +43,9 @@ class CameraModel:
         finite, noise_least > 0.
     light_gradient : standard deviation of what light changes over a radius, in units
         of the contrast; 0 < g <= 1.
+    flare : the same of light that is added (a lamp's gleam, a lens' flare) rather than
+        multiplied; 0 < f <= 1. Where it is more than usual the dots are measured by the
+        slower model that has it.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class CameraModel:
     noise_least: float
     light_gradient: float
     second_threshold: int = 0
+    flare: float = 0.004
 
     def __post_init__(self) -> None:
         for name, least in (("gradient_threshold", 1), ("second_threshold", 0)):
@@ -101,7 +105,7 @@ class CameraModel:
         ValueError
             A name is missing or unknown, or a number is not what is expected.
         """
-        missing = [name for name in CAMERA_FIELDS[:-1] if name not in values]
+        missing = [name for name in CAMERA_FIELDS[:-2] if name not in values]
         unknown = sorted(str(name) for name in values if name not in CAMERA_FIELDS)
         if missing or unknown:
             raise ValueError(
@@ -120,7 +124,7 @@ class CameraModel:
         return _core.CameraModel(**self.to_dict())
 
 
-#: The fields, in order; the last one has a default.
+#: The fields, in order; the last two have defaults.
 CAMERA_FIELDS = tuple(field.name for field in dataclasses.fields(CameraModel))
 
 #: Name, and what it must be more than and at most.
@@ -131,6 +135,7 @@ _RANGES = (
     ("noise_per_grey", -math.inf, float(np.finfo(float).max)),
     ("noise_least", 0.0, float(_MOST_GREY) ** 2),
     ("light_gradient", 0.0, 1.0),
+    ("flare", 0.0, 1.0),
 )
 
 

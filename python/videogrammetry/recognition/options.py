@@ -28,17 +28,18 @@ class RecognitionOptions:
     polarity : ``white-on-black`` or ``black-on-white``.
     diameter_px : smallest minor and largest major axis of a dot, full lengths;
         3 <= smallest < largest <= 2000.
-    method : ``local-canny``, the paper's way, or ``edge-pair``, the fast one, which
-        alone has a model of the camera and reads packed samples in place.
+    method : ``edge-pair``, the fast one, which alone has a model of the camera and
+        reads packed samples in place, or ``local-canny``, the paper's way.
     estimator : how a dot that was found is measured. ``mean-gradient``, the
         paper's way; ``dual-conic``: an ellipse through the tangents that its
         grey values' gradients give; or ``model``: its grey values as those of a
-        blurred ellipse, noise-weighted, slower and nearest to what the noise permits.
+        blurred ellipse, noise-weighted, nearest to what the noise permits. ``auto``:
+        the model for ``edge-pair``, the mean gradient for ``local-canny``.
     """
 
     codes: str = "schneider-14"
     direction: str = "clockwise"
     polarity: str = "white-on-black"
     diameter_px: tuple[float, float] = (5.0, 200.0)
-    method: str = "local-canny"
-    estimator: str = "mean-gradient"
+    method: str = "edge-pair"
+    estimator: str = "auto"

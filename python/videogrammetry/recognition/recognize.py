@@ -21,7 +21,7 @@ CoreFrame = Any
 _DIRECTIONS = ("clockwise", "counter-clockwise")
 _POLARITIES = ("white-on-black", "black-on-white")
 _METHODS = ("edge-pair", "local-canny")
-_ESTIMATORS = ("mean-gradient", "dual-conic", "model")
+_ESTIMATORS = ("auto", "mean-gradient", "dual-conic", "model")
 #: The method that reads packed samples in place and has a model of the camera.
 IN_PLACE = "edge-pair"
 _DEFAULTS = RecognitionOptions()

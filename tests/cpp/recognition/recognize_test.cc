@@ -68,7 +68,10 @@ TEST(RecognizeTest, DarkTargetsOnBrightGround) {
   ASSERT_EQ(negative.size(), positive.size());
   for (std::size_t i = 0; i < negative.size(); ++i) {
     EXPECT_EQ(negative[i].ring.id, positive[i].ring.id);
-    EXPECT_NEAR(negative[i].edge.ellipse.x_px, positive[i].edge.ellipse.x_px, 1e-3);
+    // Light is taken to multiply, so the ground's brightness weighs differently in the two.
+    // An edge pixel of 64 points is off by 1 / (64 sqrt(12)) of the contrast, its edge by
+    // twice that, the mean of some ten by 3e-3 px at most.
+    EXPECT_NEAR(negative[i].edge.ellipse.x_px, positive[i].edge.ellipse.x_px, 5e-3);
   }
 }
 

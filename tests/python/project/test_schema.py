@@ -82,7 +82,7 @@ def test_a_complete_project(tmp_path: Path) -> None:
     assert project.calibration.sigma_mm == 0.1
     assert project.targets.codes == "metashape-12"
     assert project.targets.diameter_px == (8.0, 60.0)
-    assert project.targets.estimator == "mean-gradient"
+    assert project.targets.estimator == "auto"
     assert (project.sequence.first, project.sequence.last) == (3, 20)
     assert project.stability.points == tmp_path.resolve() / "static.csv"
     assert project.motion.reference_stage == 3

@@ -31,6 +31,7 @@ NUMBERS = {
     "noise_least": 0.5,
     "light_gradient": 0.01,
     "second_threshold": 0,
+    "flare": 0.01,
 }
 
 
@@ -254,6 +255,7 @@ def test_it_goes_through_files():
         ("noise_least", None),
         ("light_gradient", 0.0),
         ("light_gradient", 1.5),
+        ("flare", 0.0),
     ],
 )
 def test_numbers_out_of_range_are_named(name, value):

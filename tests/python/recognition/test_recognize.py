@@ -146,7 +146,7 @@ def test_every_estimator_is_known_everywhere():
     for name in names:
         assert core.RecognitionOptions(estimator=name).estimator == name
         assert len(recognize(np.zeros((9, 9), np.uint8), RecognitionOptions(estimator=name))) == 0
-    with pytest.raises(ValueError, match="estimator: expected 'mean-gradient'"):
+    with pytest.raises(ValueError, match="estimator: expected 'auto'"):
         core.RecognitionOptions(estimator="guess")
 
 

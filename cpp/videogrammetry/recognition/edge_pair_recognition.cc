@@ -216,6 +216,13 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegi
   return picture;
 }
 
+/// Whether a dot's place is known so badly, in its radii, that sectors may be missed.
+bool IsVague(const TargetEdge& dot) {
+  constexpr double kVague = 0.01;
+  const double most = kVague * dot.ellipse.semi_minor_px;
+  return std::max(dot.cov(0, 0), dot.cov(1, 1)) > most * most;
+}
+
 bool EdgePairRecognition::HasSize(const Ellipse& e) const {
   return 2.0 * e.semi_minor_px >= options_.diameter_px[0] &&
          2.0 * e.semi_major_px <= options_.diameter_px[1];
@@ -270,6 +277,17 @@ std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureUnclear
   return low ? MeasureByLocalCanny(*low) : std::nullopt;
 }
 
+/// Reads a ring by the dot as the local Canny finds it; what has an ID then replaces the
+/// reading.
+void EdgePairRecognition::ReadRingAgain(const TargetEdge& dot, RingReading* ring) {
+  const auto canny =
+      MeasureByLocalCanny({EllipseFrame::From(dot.ellipse), dot.inside, dot.outside});
+  if (!canny) return;
+  const GreyWindow window = ReadRingWindow(canny->found, family_, &reader_);
+  const RingReading again = ReadRing(window, canny->found, family_, options_.direction);
+  if (again.id) *ring = again;
+}
+
 void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot) {
   const Ellipse& e = edge.ellipse;
   if (IsKnown(e, targets_, places_)) return;
@@ -278,6 +296,12 @@ void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot
   if (family_.num_bits > 0) {
     const GreyWindow window = ReadRingWindow(ring_dot, family_, &reader_);
     target.ring = ReadRing(window, ring_dot, family_, options_.direction);
+    // Clear sectors that are a little off, or a dot that is known badly: seldom.
+    const RingStatus status = target.ring.status;
+    if (status == RingStatus::kEdgesOff ||
+        (IsVague(ring_dot) && !target.ring.id && status != RingStatus::kNoRing)) {
+      ReadRingAgain(ring_dot, &target.ring);
+    }
     rings_.Add(target);
   }
   targets_.push_back(target);

@@ -67,6 +67,7 @@ class EdgePairRecognition {
   void MeasureUnclear();
   /// @param ring_dot  the same dot as the ring is to be read by.
   void Add(const TargetEdge& edge, const TargetEdge& ring_dot);
+  void ReadRingAgain(const TargetEdge& dot, RingReading* ring);
   bool HasSize(const Ellipse& ellipse) const;
   /// Whether a target of much the same size is there.
   bool IsMeasured(const Eigen::Vector2d& center, double area_px2) const;

@@ -4,12 +4,14 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <numbers>
 #include <optional>
 
 #include "videogrammetry/recognition/edge_pair_samples.h"
 #include "videogrammetry/recognition/edge_pair_star.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
+#include "videogrammetry/recognition/place_index.h"
 
 namespace videogrammetry {
 namespace {
@@ -26,6 +28,8 @@ constexpr int kLongestEdge = 64;
 constexpr int kRowsAhead = 4;
 /// Least minor over major axis: a tilt of 80 degrees.
 constexpr double kLeastRatio = 0.18;
+/// The middle of an area, in its radii.
+constexpr double kMiddle = 0.7;
 /// Freedom of the axes, pixels: they are judged after the fit.
 constexpr double kFreePx = 1.0;
 
@@ -61,7 +65,8 @@ class EdgePairSearch {
         max_length_(static_cast<int>(max_diameter_ + 1)),
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
-        star_(samples_, max_length_) {
+        star_(samples_, max_length_, min_diameter_ - kFreePx - 0.5),
+        index_(rows.width, rows.height) {
     const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
     for (ScannedRow& row : scanned_) {
       row.up.resize(words);
@@ -72,6 +77,7 @@ class EdgePairSearch {
 
   /// The window lies in the picture, is 3 pixels wide or more and begins in an even column.
   void Search(const SearchWindow& window) {
+    ++window_;
     left_ = window.left;
     width_ = window.right - window.left + 1;
     const std::uint8_t* first = rows_.row(0) + samples_.BytesTo(left_);
@@ -194,13 +200,29 @@ class EdgePairSearch {
     const int fall = RunEnd(Falls(scanned), pair.fall) + 1 + left_;
     if (fall - rise < least_length_) return;
     auto chord = MeasureChord(pair, rise, fall);
-    if (!chord) return;
+    if (!chord || IsOfKnown(*chord)) return;
     auto star = star_.Look(chord->middle, y_, chord->level(), chord->length);
     if (star && BrightenLikeMiddle(*star, &*chord)) {
       const auto brighter = star_.Look(RoundedX(*star), RoundedY(*star), chord->level(), 1 << 16);
       if (brighter) star = brighter;
     }
     if (star) Accept(*star, *chord);
+  }
+
+  // Whether the chord lies across the middle of an area that was found in this window at
+  // much the same level: another of its rows. (Not in another window: that may hold a part
+  // of the area alone.)
+  bool IsOfKnown(const Chord& chord) const {
+    const double half = 0.5 * chord.length;
+    return index_.AnyNear(chord.middle, y_, half, [&](int number) {
+      const Found& found = found_[static_cast<std::size_t>(number)];
+      if (found.window != window_) return false;
+      const int difference = std::abs(found.level - chord.level());
+      if (8 * difference > chord.inside - chord.outside) return false;
+      const double dx = chord.middle - found.star.x, dy = y_ - found.star.y;
+      const Star& s = found.star;
+      return s.sxx * dx * dx + 2.0 * s.sxy * dx * dy + s.syy * dy * dy < kMiddle * kMiddle;
+    });
   }
 
   static int RoundedX(const Star& star) { return static_cast<int>(star.x + 0.5f); }
@@ -257,6 +279,8 @@ class EdgePairSearch {
     m.var_yy = 0.25 * star.sxx / det;
     m.width_px = static_cast<int>(std::ceil(4.0 * std::sqrt(m.var_xx)));
     m.height_px = static_cast<int>(std::ceil(4.0 * std::sqrt(m.var_yy)));
+    index_.Insert(star.x, star.y, static_cast<int>(found_.size()));
+    found_.push_back({star, chord.level(), window_});
     const auto zero = static_cast<float>(rows_.flip);
     region.inside = static_cast<float>(chord.inside) - zero;
     region.outside = static_cast<float>(chord.outside) - zero;
@@ -275,6 +299,16 @@ class EdgePairSearch {
   int y_ = 0;
   std::vector<int> which_;  ///< words of the row with edges
   std::array<ScannedRow, 3> scanned_;
+  /// What an area was found as.
+  struct Found {
+    Star star;
+    int level;
+    int window;
+  };
+
+  int window_ = -1;  ///< number of the window
+  std::vector<Found> found_;
+  PlaceIndex index_;
   std::vector<DotRegion> regions_;
 };
 

@@ -32,8 +32,40 @@ class Samples {
     return kStorage == kBytes ? x : kStorage == kWords ? 2 * x : x / 2 * 3;
   }
 
-  int operator()(int x, int y) const {
-    const std::uint8_t* row = data_ + y * stride_;
+  int operator()(int x, int y) const { return FromRow(data_ + y * stride_, x); }
+
+  /// A place that walks over the picture.
+  class Place {
+   public:
+    Place(const Samples& samples, int x, int y)
+        : samples_(samples),
+          x_(x),
+          at_(samples.data_ + y * samples.stride_ + (kStorage == kWords ? 2 : 1) * x) {}
+
+    void Step(int dx, int dy) {
+      x_ += dx;
+      at_ += dy * samples_.stride_ + (kStorage == kWords ? 2 : 1) * dx;
+    }
+    int Value() const {
+      if constexpr (kStorage == kBytes) {
+        return *at_ ^ samples_.flip_;
+      } else if constexpr (kStorage == kWords) {
+        return *reinterpret_cast<const std::uint16_t*>(at_) ^ samples_.flip_;
+      } else {
+        return samples_.FromRow(at_ - x_, x_);
+      }
+    }
+
+   private:
+    const Samples& samples_;
+    int x_;
+    const std::uint8_t* at_;
+  };
+
+  Place Begin(int x, int y) const { return Place(*this, x, y); }
+
+ private:
+  int FromRow(const std::uint8_t* row, int x) const {
     if constexpr (kStorage == kBytes) {
       return row[x] ^ flip_;
     } else if constexpr (kStorage == kWords) {
@@ -50,7 +82,6 @@ class Samples {
     }
   }
 
- private:
   const std::uint8_t* data_;
   std::ptrdiff_t stride_;
   int width_, height_, flip_;
@@ -74,8 +105,11 @@ struct Star {
 template <Storage kStorage>
 class StarLook {
  public:
-  StarLook(const Samples<kStorage>& samples, int max_extent_px)
-      : samples_(samples), max_extent_(max_extent_px) {}
+  /// @param least_diameter_px  what is thinner up and down or from side to side is none.
+  StarLook(const Samples<kStorage>& samples, int max_extent_px, double least_diameter_px)
+      : samples_(samples),
+        max_extent_(max_extent_px),
+        least_diameter_(static_cast<float>(least_diameter_px)) {}
 
   /// @param length_px  of a chord through (x, y) along the row.
   std::optional<Star> Look(int x, int y, int level, int length_px) const {
@@ -86,7 +120,7 @@ class StarLook {
       const float up = Extent(x, y, 0, -1, level, most);
       if (up < 0.0f) return std::nullopt;
       const float down = Extent(x, y, 0, 1, level, most);
-      if (down < 0.0f) return std::nullopt;
+      if (down < 0.0f || up + down < least_diameter_) return std::nullopt;
       const int shift_y = Shift(up, down);
       y += shift_y;
       if (samples_(x, y) < level) return std::nullopt;
@@ -94,7 +128,7 @@ class StarLook {
       const float left = Extent(x, y, -1, 0, level, most);
       if (left < 0.0f) return std::nullopt;
       const float right = Extent(x, y, 1, 0, level, most);
-      if (right < 0.0f) return std::nullopt;
+      if (right < 0.0f || left + right < least_diameter_) return std::nullopt;
       const int shift_x = Shift(left, right);
       x += shift_x;
       if (samples_(x, y) < level) return std::nullopt;
@@ -124,11 +158,11 @@ class StarLook {
     int steps = most + 1;
     if (dx != 0) steps = std::min(steps, dx > 0 ? samples_.width() - 1 - x : x);
     if (dy != 0) steps = std::min(steps, dy > 0 ? samples_.height() - 1 - y : y);
-    int inside = samples_(x, y);
+    auto at = samples_.Begin(x, y);
+    int inside = at.Value();
     for (int k = 1; k <= steps; ++k) {
-      x += dx;
-      y += dy;
-      const int value = samples_(x, y);
+      at.Step(dx, dy);
+      const int value = at.Value();
       if (value < level) {
         return static_cast<float>(k - 1) +
                static_cast<float>(inside - level) / static_cast<float>(inside - value);
@@ -203,6 +237,7 @@ class StarLook {
 
   const Samples<kStorage>& samples_;
   const int max_extent_;
+  const float least_diameter_;
 };
 
 }  // namespace videogrammetry::edge_pair

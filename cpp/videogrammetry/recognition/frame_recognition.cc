@@ -1,7 +1,6 @@
 #include "videogrammetry/recognition/frame_recognition.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
@@ -84,19 +83,26 @@ DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options,
   areas.second = areas.regions.size();
   if (second_threshold == 0) return areas;
   PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
-  for (std::size_t i = 0; i < areas.second; ++i) {
-    const ContourMoments& m = areas.regions[i].moments;
-    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
-  }
-  for (const DotRegion& area :
-       FindDotRegions(frame, sign, options.diameter_px, second_threshold, windows)) {
+  const auto add = [&](const DotRegion& area) {
     const ContourMoments& m = area.moments;
-    // The very same one: another level may make a dot of what was none.
-    const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
-      const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
-      return std::abs(m.area - other) < 0.01 * other;
-    });
-    if (!known) areas.regions.push_back(area);
+    index.Insert(m.mean_x, m.mean_y, static_cast<int>(areas.regions.size()));
+    areas.regions.push_back(area);
+  };
+  std::vector<DotRegion> first = std::move(areas.regions);
+  areas.regions.clear();
+  for (const DotRegion& area : first) add(area);
+  // Each finds some that the others do not: where its threshold meets the texture's steps.
+  for (const int higher : {second_threshold, kSecondThreshold * second_threshold}) {
+    for (const DotRegion& area :
+         FindDotRegions(frame, sign, options.diameter_px, higher, windows)) {
+      const ContourMoments& m = area.moments;
+      // The very same one: another level may make a dot of what was none.
+      const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
+        const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
+        return std::abs(m.area - other) < 0.01 * other;
+      });
+      if (!known) add(area);
+    }
   }
   return areas;
 }

@@ -30,7 +30,8 @@ std::vector<double> Blurred(const Ellipse& e) {
       const double u = (c * x + s * y) / e.semi_major_px, v = (-s * x + c * y) / e.semi_minor_px;
       // The border's part of the fine pixel, to first order.
       const double rho = std::hypot(u, v);
-      const double slope = std::hypot(u / e.semi_major_px, v / e.semi_minor_px) / std::max(rho, 0.1);
+      const double slope =
+          std::hypot(u / e.semi_major_px, v / e.semi_minor_px) / std::max(rho, 0.1);
       const double inside = (1.0 - rho) / std::max(slope, 1e-3) * kFine + 0.5;
       fine[static_cast<std::size_t>(j * fine_size + i)] = std::min(1.0, std::max(0.0, inside));
     }
@@ -220,7 +221,8 @@ TEST(DotFitTest, MomentsBeginNearTheDotHoweverItWasCutOut) {
     start.x_px += 0.4;
     start.semi_major_px += wrong;
     start.semi_minor_px += wrong;
-    const auto begun = DotFitter().Begin(window, {EllipseFrame::From(start), kBright, kDark}, kBlurPx);
+    const auto begun =
+        DotFitter().Begin(window, {EllipseFrame::From(start), kBright, kDark}, kBlurPx);
     ASSERT_TRUE(begun);
     EXPECT_NEAR(begun->frame.center.x(), e.x_px, 0.05);
     EXPECT_NEAR(begun->frame.center.y(), e.y_px, 0.05);

@@ -141,7 +141,7 @@ def test_options_equal_those_of_the_core():
 
 
 def test_every_estimator_is_known_everywhere():
-    names = ("mean-gradient", "dual-conic", "model")
+    names = ("auto", "mean-gradient", "dual-conic", "model")
     assert names == schema.ESTIMATORS == cli_recognize.ESTIMATORS
     for name in names:
         assert core.RecognitionOptions(estimator=name).estimator == name

@@ -113,8 +113,8 @@ def recognize_sequence(
     ``edge-pair`` alone. A target that lies in such a window is the one that the call
     without ``track`` gives, bit for bit; one that comes into view between them is
     first seen when a whole frame is searched, which happens every
-    ``track.full_every`` frames from ``first`` on and after a loss. Where learning
-    finds no target the first frame that has one gives the model. One sequence is
+    ``track.full_every`` frames, after a loss, and after a frame without targets.
+    Where learning finds none the first frame that has one gives the model. One sequence is
     then the work of one thread: several cameras' go side by side in threads of
     the caller, for the interpreter's lock is released.
 
@@ -159,8 +159,8 @@ def recognize_sequence(
     Examples
     --------
     >>> y, x = np.mgrid[:60, :80]
-    >>> frames = [np.hypot(x - 40 - shift, y - 30.5) for shift in range(3)]
-    >>> frames = np.uint8(20 + 200 * np.clip(10.5 - np.stack(frames), 0, 1))
+    >>> distance = np.stack([np.hypot(x - 40 - shift, y - 30.5) for shift in range(3)])
+    >>> frames = np.uint8(20 + 200 * np.clip(10.5 - distance, 0, 1))
     >>> found = recognize_sequence(frames)
     >>> found.offsets.tolist(), [targets.centre_px[0, 0].round(1).item() for targets in found]
     ([0, 1, 2, 3], [40.0, 41.0, 42.0])
@@ -168,6 +168,7 @@ def recognize_sequence(
     Followed from frame to frame, of which only the first is searched as a whole:
 
     >>> fast = RecognitionOptions(method="edge-pair")
+    >>> frames = np.uint8(20 + 200 / (1 + np.exp(2 * (distance - 10.5))))
     >>> followed = recognize_sequence(frames, fast, track=TrackedOptions(margin_px=3))
     >>> followed.full.tolist(), followed.lost.tolist(), followed.offsets.tolist()
     ([True, False, False], [0, 0, 0], [0, 1, 2, 3])

@@ -53,8 +53,8 @@ def core_tracker(
 class Follower:
     """Recognises the frames of a sequence one after the other.
 
-    Frames of another depth than those that the model was learned from are searched
-    as a whole and say for themselves, as without following.
+    Frames say for themselves, as without following, as long as no model is known,
+    and where they are of another depth than those that it was learned from.
     """
 
     def __init__(
@@ -64,22 +64,27 @@ class Follower:
         rule: CameraRule,
         recognizer: _core.Recognizer,
     ) -> None:
-        self._tracker = core_tracker(options, track, rule.camera or "learn")
+        self._options, self._track, self._rule = options, track, rule
         self._recognizer = recognizer
-        self._rule = rule
+        self._begin()
 
     @property
     def camera(self) -> CameraModel | None:
-        """The model given or learned; None as long as no target was seen."""
+        """The model given or learned; None as long as there is none to be learned."""
         return self._rule.camera
 
     def recognize(self, frame: CoreFrame) -> dict[str, Any]:
         """The targets' arrays, their ``offsets``, and ``full`` and ``lost``."""
-        found: dict[str, Any]
-        if self._rule.camera is not None and self._rule.core_for(frame) is None:
+        followed = self._rule.camera is None or self._rule.core_for(frame) is not None
+        found: dict[str, Any] = self._tracker.next(frame) if followed else {}
+        if self._rule.camera is None and self._tracker.camera is not None:
+            self._rule = CameraRule(from_core(self._tracker.camera), is_wide(frame))
+        if not followed or self._rule.camera is None:
             found = self._recognizer.recognize(frame) | {"full": True, "lost": 0}
-        else:
-            found = self._tracker.next(frame)
-            if self._rule.camera is None and self._tracker.camera is not None:
-                self._rule = CameraRule(from_core(self._tracker.camera), is_wide(frame))
+        elif len(found["id"]) == 0:
+            self._begin()  # with nothing to follow the next frame is searched as a whole
         return found | {"offsets": np.array([0, len(found["id"])])}
+
+    def _begin(self) -> None:
+        camera = self._rule.camera or "learn"
+        self._tracker = core_tracker(self._options, self._track, camera)

@@ -17,7 +17,6 @@ from videogrammetry.recognition import (
     TrackedOptions,
     code_family,
     learn_camera,
-    recognize,
     recognize_sequence,
 )
 from videogrammetry.sequence import create_sequence, open_sequence
@@ -278,8 +277,8 @@ def test_a_sequence_without_frames(frames):
 def test_frames_of_other_size_and_depth():
     """Of another depth they say for themselves, as without following."""
     eight, deep = film(), film(np.uint16)
-    frames = [eight[0], eight[1], deep[2], eight[3], eight[4][:150, :200], eight[5], eight[6]]
-    frames.append(np.zeros((0, 0), np.uint8))
+    frames = [eight[0], eight[1], deep[2], eight[3], eight[4][:150, :200], np.zeros((0, 0), "u1")]
+    frames += [eight[5], eight[6]]
     found = recognize_sequence(frames, FAST, track=TRACK)
     expected = recognize_sequence(frames, FAST)
     assert found.camera == expected.camera
@@ -287,9 +286,9 @@ def test_frames_of_other_size_and_depth():
     assert found.full[2]
     for k in (0, 1, 2, 3, 5, 6, 7):
         assert_same(found[k], expected[k])
-    # The smaller frame has lost the targets that lie beyond it.
-    assert np.flatnonzero(found.full).tolist() == [0, 2, 5]
-    assert np.flatnonzero(found.lost).tolist() == [4, 7]
+    # The smaller frame has lost the targets that lie beyond it, the next one all.
+    assert np.flatnonzero(found.full).tolist() == [0, 2, 5, 6]
+    assert np.flatnonzero(found.lost).tolist() == [4, 5]
 
 
 def test_where_nothing_is_learned_the_first_target_gives_the_model():
@@ -301,9 +300,29 @@ def test_where_nothing_is_learned_the_first_target_gives_the_model():
     assert recognize_sequence(frames, FAST).camera is None
     found = recognize_sequence(frames, FAST, track=TRACK)
     assert found.camera == learn_camera(frames[shown[0]], FAST)
-    assert_same(found[shown[0]], recognize(frames[shown[0]], FAST, camera=found.camera))
-    # What is lost in the blank frames between is back after the next whole one.
-    assert len(found[shown[0]]) == len(found[shown[1]]) == 12
+    given = recognize_sequence(frames, FAST, camera=found.camera)
+    assert np.diff(given.offsets)[shown].tolist() == [12] * len(shown)
+    assert_same(found.targets, given.targets)
+
+
+def test_frames_that_no_model_comes_of_say_for_themselves():
+    y, x = np.mgrid[:60, :80]
+    far = np.stack([np.hypot(x - 40 - shift, y - 30.5) for shift in range(3)])
+    frames = np.uint8(20 + 200 * np.clip(10.5 - far, 0, 1))  # edges of one pixel
+    found = recognize_sequence(frames, FAST, track=TRACK)
+    assert found.camera is None
+    assert found.full.all()
+    assert len(found.targets) == 3
+    assert_same(found.targets, recognize_sequence(frames, FAST).targets)
+
+
+def test_after_frames_without_light_all_is_found_again():
+    frames = film().copy()
+    frames[5:9] = 20
+    found = recognize_sequence(frames, FAST, track=TRACK)
+    assert found.lost.tolist() == [12 * (k == 5) for k in range(COUNT)]
+    assert np.flatnonzero(found.full).tolist() == [0, 6, 7, 8, 9]
+    assert_same(found.targets, recognize_sequence(frames, FAST).targets)
 
 
 def test_the_core_takes_frames_one_by_one():

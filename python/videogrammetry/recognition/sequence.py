@@ -111,7 +111,8 @@ def recognize_sequence(
     With ``track`` targets are followed: the frames are taken one after the other
     and searched around the places where targets are expected, by the method
     ``edge-pair`` alone. A target that lies in such a window is the one that the call
-    without ``track`` gives, bit for bit; one that comes into view between them is
+    without ``track`` gives; in clutter the fit of a few may start elsewhere and end
+    a part of its sigma away. One that comes into view between windows is
     first seen when a whole frame is searched, which happens every
     ``track.full_every`` frames, after a loss, and after a frame without targets.
     Where learning finds none the first frame that has one gives the model. One sequence is

@@ -8,7 +8,7 @@ before clouds, bars and patches; without round spots, which count as targets.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ GRADIENT = 0.003
 #: Print differs in brightness from target to target by at most so much.
 WHITE_SPREAD = 0.14
 PSF_PX = (0.6, 0.8)
+#: What moves goes around in circles of this radius, which its cell has room for.
+CIRCLE_PX = 7.0
 
 
 def combinations(methods=METHODS, estimators=ESTIMATORS):
@@ -89,8 +91,14 @@ def _orientations(rng, centre, tilt_deg):
     return normal, x_axis
 
 
-def make_scene(
+def make_scene(seed, **scene):
+    """A picture of grid[0] x grid[1] targets, or ``count`` of them, at random places."""
+    return next(make_film(seed, 1, **scene))
+
+
+def make_film(
     seed,
+    frames,
     *,
     size=(1024, 1024),
     grid=(7, 7),
@@ -99,8 +107,10 @@ def make_scene(
     diameter_px=(8.0, 20.0),
     tilt_deg=45.0,
     clutter=0.6,
+    step_px=1.5,
 ):
-    """A picture of grid[0] x grid[1] targets, or ``count`` of them, at random places."""
+    """Pictures in which the targets of a scene move by ``step_px`` from one to the next,
+    each on a circle of its own, before a background that stands."""
     rng = np.random.default_rng([seed, 77])
     family = code_family("schneider-14")
     width, height = size
@@ -157,19 +167,25 @@ def make_scene(
         illumination=Illumination(level=LEVEL),
         sensor=Sensor(psf_sigma_px=psf),
     )
-    truth = renderer.truth(targets)
-    seen = truth.visible
-    return Scene(
-        light=renderer.light(targets),
-        centre_px=truth.centre_px[seen],
-        semi_axes_px=truth.semi_axes_px[seen],
-        angle_rad=truth.angle_rad[seen],
-        id=truth.id[seen],
-        coded=has_ring[seen],
-        white=LEVEL * white[seen],
-        black=np.full(seen.sum(), LEVEL * BLACK),
-        psf_px=psf,
-    )
+    begin = rng.uniform(0, 2 * math.pi, n)
+    for k in range(frames):
+        turn = begin + k * step_px / CIRCLE_PX
+        away = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+        away -= np.stack([np.cos(begin), np.sin(begin), 0 * begin], axis=1)
+        moved = replace(targets, centre_mm=centre + CIRCLE_PX * away)
+        truth = renderer.truth(moved)
+        seen = truth.visible
+        yield Scene(
+            light=renderer.light(moved),
+            centre_px=truth.centre_px[seen],
+            semi_axes_px=truth.semi_axes_px[seen],
+            angle_rad=truth.angle_rad[seen],
+            id=truth.id[seen],
+            coded=has_ring[seen],
+            white=LEVEL * white[seen],
+            black=np.full(seen.sum(), LEVEL * BLACK),
+            psf_px=psf,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

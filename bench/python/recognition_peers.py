@@ -1,7 +1,8 @@
 """Recognition beside what others do, on the same pictures in the same run, on one core.
 
     python bench/python/recognition_peers.py [--frames N] [--repeats R] [--noise C]
-        [--method M] [--core K] [--data FOLDER] [--small] [--json FILE] [--markdown FILE]
+        [--film N] [--film-only] [--method M] [--core K] [--data FOLDER] [--small]
+        [--json FILE] [--markdown FILE]
 
 Every picture goes through every program in turn, so that what disturbs the
 machine disturbs all alike; times are the processor's for the one thread that
@@ -13,6 +14,14 @@ at up to 45 degrees: area, roundness, contrast. A segment of a ring of code is
 false for everybody; an isolated round bright spot counts as a target (there is
 none but the targets in the project's own scenes). Peers take 8 bit; of deeper
 pictures they get an 8-bit copy that is made beforehand.
+
+A film, whose targets move by 1.5 px from frame to frame, shows what may be known
+beforehand: of ours there are rows with the camera's model learned of each picture
+(alone) or once for all (model), with dots followed from frame to frame (tracked),
+and with the default range of diameters or that of dots that face the camera (7 px
+leaves out small ones that are oblique). Each includes reading the codes. The tracked
+rows' times are those of frames searched in windows; the first frame of the film and
+every 100th take what a whole one takes.
 
 Scenes: the shared rendered pictures where they are present, and the project's
 own renderer's of 1024 x 1024 with 49 and of 3888 x 2592 with 104 targets.
@@ -32,17 +41,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from videogrammetry.recognition import RecognitionOptions, recognize
+from videogrammetry.recognition import (
+    RecognitionOptions,
+    TrackedOptions,
+    learn_camera,
+    recognize,
+)
+from videogrammetry.recognition.recognize import checked_frame
+from videogrammetry.recognition.tracked import core_tracker
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import peer_detectors
 import rendered_scenes as rendered
 
-#: A dot of 8 px at 45 degrees, one of 20 px facing, with a margin.
-AREA_PX = (20.0, 420.0)
-AXES_PX = (3.0, 24.0)
-LEAST_ASPECT = 0.5
-#: Twice the same place within this is one find.
-SAME_PX = 2.0
+#: The default range of diameters, and that of the scenes' dots, with a margin.
+DIAMETERS_PX = ((5, 200), (7, 25))
 
 
 @dataclass
@@ -57,13 +70,17 @@ class Picture:
 
 @dataclass
 class Program:
-    """``work`` takes the picture that ``given`` chooses, and returns centres (N, 2)."""
+    """``work`` takes the picture that ``given`` chooses, and returns centres (N, 2).
+
+    ``anew``, called before the first of the pictures, gives another ``work``.
+    """
 
     name: str
     format: str
     given: object
     work: object
     ours: bool = False
+    anew: object = None
     seconds: list = field(default_factory=list)
     found: list = field(default_factory=list)
 
@@ -73,111 +90,17 @@ def ours(method, estimator):
     return lambda image: recognize(image, options).centre_px
 
 
-def merged(places):
-    """Places without those that stand within SAME_PX of one before them."""
-    kept = []
-    for x, y in places:
-        if all((x - a) ** 2 + (y - b) ** 2 > SAME_PX**2 for a, b in kept):
-            kept.append((x, y))
-    return np.array(kept).reshape(-1, 2)
+def ours_on_film(pictures, given, options):
+    """Names of the ways to recognise frames of one camera, and what makes each one's work."""
+    camera = learn_camera([given(p) for p in pictures], options)
 
+    def follow():
+        tracker = core_tracker(options, TrackedOptions(), camera)
+        return lambda image: tracker.next(checked_frame(image))["centre_px"]
 
-def ellipses(image, contours):
-    """Centres of ellipses through contours that are of a dot's size, round and bright."""
-    height, width = image.shape
-    places = []
-    for contour in contours:
-        if not 8 <= len(contour) <= 200:
-            continue
-        (x, y), axes, _ = cv2.fitEllipse(contour)
-        low, high = min(axes), max(axes)
-        if not (AXES_PX[0] <= low and high <= AXES_PX[1] and low >= LEAST_ASPECT * high):
-            continue
-        if abs(cv2.contourArea(contour) - 0.785 * low * high) > 0.25 * 0.785 * low * high:
-            continue
-        reach = 0.5 * high + 2.5
-        # A ring may stand on one side or two, not all around.
-        around = [(x + reach, y), (x - reach, y), (x, y + reach), (x, y - reach)]
-        if not (reach <= x < width - 1 - reach and reach <= y < height - 1 - reach):
-            continue
-        darkest = min(int(image[round(b), round(a)]) for a, b in around)
-        if int(image[round(y), round(x)]) > darkest + 20:
-            places.append((x, y))
-    return merged(places)
-
-
-def canny(image):
-    edges = cv2.Canny(image, 50, 150)
-    return ellipses(image, cv2.findContours(edges, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
-
-
-def otsu(image):
-    _, mask = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    return ellipses(image, cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
-
-
-def adaptive(image):
-    mask = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 41, -15)
-    return ellipses(image, cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0])
-
-
-def components(image):
-    """Areas above Otsu's threshold, their grey values' centroid."""
-    level, mask = cv2.threshold(image, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    places = []
-    for k, (x, y, w, h, area) in enumerate(stats):
-        if not (AREA_PX[0] <= area <= AREA_PX[1] and 0.5 * w <= h <= 2 * w):
-            continue
-        if not 0.65 * w * h < area < 0.9 * w * h:
-            continue
-        part = labels[y : y + h, x : x + w] == k
-        weight = np.where(part, image[y : y + h, x : x + w] - level, 0.0)
-        total = weight.sum()
-        places.append(
-            (x + weight.sum(0) @ np.arange(w) / total, y + weight.sum(1) @ np.arange(h) / total)
-        )
-    return np.array(places).reshape(-1, 2)
-
-
-def simple_blob():
-    p = cv2.SimpleBlobDetector_Params()
-    p.minThreshold, p.maxThreshold, p.thresholdStep = 40, 200, 20
-    p.minRepeatability, p.minDistBetweenBlobs = 2, 6
-    p.filterByColor, p.blobColor = True, 255
-    p.filterByArea, (p.minArea, p.maxArea) = True, AREA_PX
-    p.filterByCircularity, p.minCircularity = True, 0.7
-    p.filterByConvexity, p.minConvexity = True, 0.9
-    p.filterByInertia, p.minInertiaRatio = True, 0.3
-    detector = cv2.SimpleBlobDetector_create(p)
-    return lambda image: np.array([k.pt for k in detector.detect(image)]).reshape(-1, 2)
-
-
-def openptv(size):
-    """OpenPTV's target_recognition, or None where optv is not installed."""
-    try:
-        from optv.parameters import ControlParams, TargetParams
-        from optv.segmentation import target_recognition
-    except ImportError as error:
-        print(f"left out: OpenPTV ({error}); pip install optv")
-        return None
-    control = ControlParams(1)
-    control.set_image_size(size)
-    targets = TargetParams(
-        discont=60,
-        gvthresh=[70],
-        pixel_count_bounds=tuple(int(a) for a in AREA_PX),
-        xsize_bounds=(4, 26),
-        ysize_bounds=(4, 26),
-        min_sum_grey=1000,
-    )
-
-    def work(image):
-        found = target_recognition(image, targets, 0, control)
-        # Its origin is the corner of the first pixel.
-        return np.array([t.pos() for t in found]).reshape(-1, 2) - 0.5
-
-    return work
+    yield "alone", lambda: lambda image: recognize(image, options).centre_px
+    yield "model", lambda: lambda image: recognize(image, options, camera=camera).centre_px
+    yield "tracked", follow
 
 
 def read_truth(path):
@@ -196,8 +119,12 @@ def shared_pictures(folder, noise):
 
 
 def own_pictures(count, noise, **scene):
-    for seed in range(1, count + 1):
-        made = rendered.make_scene(seed, **scene)
+    made = (rendered.make_scene(seed, **scene) for seed in range(1, count + 1))
+    yield from noisy(made, noise)
+
+
+def noisy(scenes, noise):
+    for seed, made in enumerate(scenes, 1):
         deep = rendered.GreyNoise(bits=12, contrast_noise=noise).picture(made.light, seed)
         grey = rendered.GreyNoise(bits=8, contrast_noise=noise).picture(made.light, seed)
         yield Picture(deep, grey, made.centre_px, rendered.packed_frame(deep))
@@ -207,44 +134,59 @@ def to_8bit(deep):
     return np.clip(np.rint(deep / 16.0), 0, 255).astype(np.uint8)
 
 
+FORMATS = (
+    ("8 bit", lambda p: p.grey),
+    ("12 in 16 bit", lambda p: p.deep),
+    ("12 bit packed", lambda p: p.packed),
+)
+
+
 def programs(size, methods, has_packed):
-    listed = [Program("memory read", "8 bit", lambda p: p.grey, lambda image: image.max())]
-    formats = [("8 bit", lambda p: p.grey), ("12 in 16 bit", lambda p: p.deep)]
-    if has_packed:
-        formats.append(("12 bit packed", lambda p: p.packed))
+    listed = []
+    formats = FORMATS if has_packed else FORMATS[:2]
     for method, estimator in methods:
         for name, given in formats:
             work = ours(method, estimator)
             listed.append(Program(f"ours {method}, {estimator}", name, given, work, True))
-    peers = [
-        ("OpenCV Canny + contours + fitEllipse", canny),
-        ("OpenCV Otsu + contours + fitEllipse", otsu),
-        ("OpenCV adaptive + contours + fitEllipse", adaptive),
-        ("OpenCV components + grey centroid", components),
-        ("OpenCV SimpleBlobDetector", simple_blob()),
-        ("OpenPTV target_recognition", openptv(size)),
-    ]
-    listed += [Program(name, "8 bit", lambda p: p.grey, work) for name, work in peers if work]
-    return listed
+    return listed + peers(size)
 
 
-def run(name, pictures, methods, repeats):
+def peers(size):
+    known = peer_detectors.peers(size)
+    return [Program(name, "8 bit", lambda p: p.grey, work) for name, work in known]
+
+
+def film_programs(pictures, estimator):
+    listed = []
+    for smallest, largest in DIAMETERS_PX:
+        options = RecognitionOptions(
+            method="edge-pair", estimator=estimator, diameter_px=(smallest, largest)
+        )
+        for name, given in FORMATS:
+            for way, anew in ours_on_film(pictures, given, options):
+                title = f"ours {way}, dots {smallest}-{largest} px"
+                listed.append(Program(title, name, given, None, True, anew))
+    listed.sort(key=lambda p: p.name.split(",")[0])
+    return listed + peers(pictures[0].grey.shape[::-1])
+
+
+def run(name, pictures, listed, repeats):
     """Rows of the table of one scene."""
-    height, width = pictures[0].grey.shape
-    has_packed = pictures[0].packed is not None
-    listed = programs((width, height), methods, has_packed)
-    for picture in pictures:
+    read = Program("memory read", "8 bit", lambda p: p.grey, lambda image: image.max())
+    listed = [read, *listed]
+    for repeat in range(repeats + 1):
         for program in listed:
-            image = program.given(picture)
-            result = program.work(image)  # warm, too
-            if program.name != "memory read":
-                program.found.append(result)
-        for _ in range(repeats):
+            program.work = program.anew() if program.anew else program.work
+        for picture in pictures:
             for program in listed:
                 image = program.given(picture)
                 begin = time.thread_time()
-                program.work(image)
-                program.seconds.append(time.thread_time() - begin)
+                result = program.work(image)
+                taken = time.thread_time() - begin
+                if repeat:
+                    program.seconds.append(taken)
+                elif program is not read:  # the first time warms, and is judged
+                    program.found.append(result)
     read_ms = 1e3 * min(listed[0].seconds)
     rows = []
     for program in listed:
@@ -323,11 +265,30 @@ def scenes(args):
         )
 
 
+def tables(args, methods):
+    """(name, pictures, programs) of each table."""
+    for name, pictures in () if args.film_only else scenes(args):
+        if not pictures:
+            print(f"left out: {name}: no pictures")
+            continue
+        if pictures[0].packed is None:
+            print(f"{name}: recognition takes no packed frames yet")
+        height, width = pictures[0].grey.shape
+        yield name, pictures, programs((width, height), methods, pictures[0].packed is not None)
+    if args.film:
+        film = list(noisy(rendered.make_film(1, args.film), args.noise))
+        for estimator in ("mean-gradient", "model"):
+            name = f"film 1024 x 1024, 49 targets that move, {estimator}"
+            yield name, film, film_programs(film, estimator)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     default = os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data")
     parser.add_argument("--data", type=Path, default=Path(default))
     parser.add_argument("--frames", type=int, default=6, help="of the own scenes")
+    parser.add_argument("--film", type=int, default=24, help="frames of the film; 0: none")
+    parser.add_argument("--film-only", action="store_true", help="nothing but the film")
     parser.add_argument("--repeats", type=int, default=7, help="of every picture")
     parser.add_argument("--noise", type=float, default=75.0, help="contrast over noise at white")
     parser.add_argument("--method", choices=rendered.METHODS)
@@ -337,19 +298,14 @@ def main():
     parser.add_argument("--markdown", type=Path, help="write the tables to this file too")
     args = parser.parse_args()
     if args.small:
-        args.frames, args.repeats = 2, 2
+        args.frames, args.film, args.repeats = 2, min(args.film, 20), 2
     cv2.setNumThreads(1)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {args.core})
     methods = rendered.combinations((args.method,) if args.method else rendered.METHODS)
     rows, texts = [], []
-    for name, pictures in scenes(args):
-        if not pictures:
-            print(f"left out: {name}: no pictures")
-            continue
-        if pictures[0].packed is None:
-            print(f"{name}: recognition takes no packed frames yet")
-        rows.append(run(name, pictures, methods, args.repeats))
+    for name, pictures, listed in tables(args, methods):
+        rows.append(run(name, pictures, listed, args.repeats))
         texts.append(markdown(name, rows[-1]))
         print(texts[-1], flush=True)
     if args.json:

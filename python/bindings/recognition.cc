@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -11,6 +12,7 @@
 
 #include "bindings.h"
 #include "videogrammetry/recognition/recognize.h"
+#include "videogrammetry/recognition/tracked_recognition.h"
 
 namespace py = pybind11;
 using namespace pybind11::literals;
@@ -151,6 +153,38 @@ py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int
   return out;
 }
 
+/// One frame comes after the other, whichever thread it comes from.
+class Tracker {
+ public:
+  Tracker(const RecognitionOptions& options, const CodeFamily& family, int full_every,
+          double margin_px, const std::optional<CameraModel>& camera)
+      : recognizer_(options, family, {full_every, margin_px}, camera) {}
+
+  py::dict Next(const py::object& frame) {
+    const FrameView view = FrameOf(frame);
+    TrackedFrame found;
+    {
+      const py::gil_scoped_release release;
+      const std::lock_guard<std::mutex> lock(mutex_);
+      found = recognizer_.Next(view);
+    }
+    py::dict out = ToArrays(found.targets);
+    out["full"] = found.full;
+    out["lost"] = found.lost;
+    return out;
+  }
+
+  std::optional<CameraModel> camera() {
+    const py::gil_scoped_release release;
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return recognizer_.camera();
+  }
+
+ private:
+  TrackedRecognizer recognizer_;
+  std::mutex mutex_;
+};
+
 std::optional<CameraModel> Learn(const Recognizer& recognizer, const py::object& frame) {
   const FrameView view = FrameOf(frame);
   const py::gil_scoped_release release;
@@ -282,6 +316,18 @@ void BindRecognition(py::module_& parent) {
       .def("recognize_frames", &RecognizeList, "frames"_a, "num_threads"_a = 1,
            "camera"_a = nullptr)
       .def("learn", &Learn, "frame"_a);
+  py::class_<TrackedOptions>(m, "TrackedOptions")
+      .def(py::init<>())
+      .def_readonly("full_every", &TrackedOptions::full_every)
+      .def_readonly("margin_px", &TrackedOptions::margin_px);
+  const TrackedOptions tracked;
+  py::class_<Tracker>(m, "TrackedRecognizer")
+      .def(py::init<const RecognitionOptions&, const CodeFamily&, int, double,
+                    const std::optional<CameraModel>&>(),
+           "options"_a, "family"_a, "full_every"_a = tracked.full_every,
+           "margin_px"_a = tracked.margin_px, "camera"_a = py::none())
+      .def("next", &Tracker::Next, "frame"_a)
+      .def_property_readonly("camera", &Tracker::camera);
 }
 
 }  // namespace videogrammetry::bindings

@@ -1,4 +1,4 @@
-"""Options of recognition; fields and defaults equal those of the C++ struct (a test holds them)."""
+"""Options of recognition; fields and defaults equal those of the C++ structs (a test holds it)."""
 
 from __future__ import annotations
 
@@ -43,3 +43,18 @@ class RecognitionOptions:
     diameter_px: tuple[float, float] = (5.0, 200.0)
     method: str = "edge-pair"
     estimator: str = "auto"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackedOptions:
+    """How targets are followed from frame to frame.
+
+    Attributes
+    ----------
+    full_every : every so many frames the whole frame is searched, for what is new;
+        1: always.
+    margin_px : how far a target may be from where it is expected; 1 to 1000.
+    """
+
+    full_every: int = 100
+    margin_px: float = 4.0

@@ -101,17 +101,23 @@ def core_recognizer(
     ValueError
         An option or the family is not what is expected.
     """
-    if family is not None:
-        core_family = to_core(family)
-    elif options.codes in CODE_FAMILIES:
-        core_family = _built_in_family(options.codes)
-    else:
-        # Files are read anew each time: they may have changed.
-        return _made_recognizer(options, to_core(code_family(options.codes)))
+    codes = core_family(options, family)
+    if family is None and options.codes not in CODE_FAMILIES:
+        return _made_recognizer(options, codes)
     try:
-        return _kept_recognizer(options, core_family)
+        return _kept_recognizer(options, codes)
     except TypeError:  # options with a list in them cannot be looked up
-        return _made_recognizer(options, core_family)
+        return _made_recognizer(options, codes)
+
+
+def core_family(options: RecognitionOptions, family: CodeFamily | None = None) -> _core.CodeFamily:
+    """The codes as the core takes them; ValueError if there are no such codes."""
+    if family is not None:
+        return to_core(family)
+    if options.codes in CODE_FAMILIES:
+        return _built_in_family(options.codes)
+    # Files are read anew each time: they may have changed.
+    return to_core(code_family(options.codes))
 
 
 def core_camera(camera: CameraModel) -> _core.CameraModel:
@@ -159,7 +165,8 @@ def _checked_image(given: Any) -> npt.NDArray[Any]:
     return image
 
 
-def _core_options(options: RecognitionOptions) -> _core.RecognitionOptions:
+def core_options(options: RecognitionOptions) -> _core.RecognitionOptions:
+    """The options as the core takes them; ValueError names the one that is wrong."""
     for name, value, known in (
         ("direction", options.direction, _DIRECTIONS),
         ("polarity", options.polarity, _POLARITIES),
@@ -189,10 +196,8 @@ def _built_in_family(name: str) -> _core.CodeFamily:
     return _core.named_code_family(name)
 
 
-def _made_recognizer(
-    options: RecognitionOptions, core_family: _core.CodeFamily
-) -> _core.Recognizer:
-    return _core.Recognizer(_core_options(options), core_family)
+def _made_recognizer(options: RecognitionOptions, codes: _core.CodeFamily) -> _core.Recognizer:
+    return _core.Recognizer(core_options(options), codes)
 
 
 # By the options' values and the family's identity, which stays while it is kept here.

@@ -27,8 +27,9 @@ from videogrammetry.recognition.learning import (
     read_frame,
     same_depth_runs,
 )
-from videogrammetry.recognition.options import RecognitionOptions
+from videogrammetry.recognition.options import RecognitionOptions, TrackedOptions
 from videogrammetry.recognition.recognize import CoreFrame, checked_frame, core_recognizer
+from videogrammetry.recognition.tracked import Follower, core_tracker
 from videogrammetry.types import PackedSamples, Targets
 
 _FIELDS = tuple(Targets.__dataclass_fields__)
@@ -55,12 +56,16 @@ class TargetSequence:
     frame : (S,) the frames' numbers in the sequence, from 0.
     camera : the model that the frames were measured by, learned or given; None:
         each one said for itself.
+    full : (S,) whether the whole frame was searched; None: targets were not followed.
+    lost : (S,) targets that were expected in the frame and not found; likewise.
     """
 
     targets: Targets
     offsets: npt.NDArray[np.int64]
     frame: npt.NDArray[np.int64]
     camera: CameraModel | None = None
+    full: npt.NDArray[np.bool_] | None = None
+    lost: npt.NDArray[np.int32] | None = None
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -82,6 +87,7 @@ def recognize_sequence(
     options: RecognitionOptions | None = None,
     *,
     camera: CameraModel | Literal["learn"] | None = "learn",
+    track: TrackedOptions | None = None,
     first: int = 0,
     last: int | None = None,
     num_threads: int = 0,
@@ -102,6 +108,17 @@ def recognize_sequence(
     those that are not rows of native uint8 or uint16 are copied, a run of
     frames (about a million pixels or four frames a thread) at a time.
 
+    With ``track`` targets are followed: the frames are taken one after the other
+    and searched around the places where targets are expected, by the method
+    ``edge-pair`` alone. A target that lies in such a window is the one that the call
+    without ``track`` gives; in clutter the fit of a few may start elsewhere and end
+    a part of its sigma away. One that comes into view between windows is
+    first seen when a whole frame is searched, which happens every
+    ``track.full_every`` frames, after a loss, and after a frame without targets.
+    Where learning finds none the first frame that has one gives the model. One sequence is
+    then the work of one thread: several cameras' go side by side in threads of
+    the caller, for the interpreter's lock is released.
+
     Parameters
     ----------
     frames : FrameSource, or (S, height, width) array or sequence of arrays
@@ -114,11 +131,13 @@ def recognize_sequence(
     camera : CameraModel, "learn" or None
         The model to measure by; "learn": from up to five frames, which are read
         once more for it; None: each frame says for itself. Methods other than
-        ``edge-pair`` have none.
+        ``edge-pair`` have none, and targets are not followed without one.
+    track : TrackedOptions, optional
+        Follow targets from frame to frame; None: search every frame as a whole.
     first, last : int
         First and last frame, inclusive, from 0; None: to the end.
     num_threads : int
-        0: one a core.
+        0: one a core. Nothing with ``track``.
     progress : callable, optional
         Called with (done, total) as frames are finished, by the thread that
         called. What it raises ends the work: frames begun are finished, no
@@ -141,11 +160,19 @@ def recognize_sequence(
     Examples
     --------
     >>> y, x = np.mgrid[:60, :80]
-    >>> frames = [np.hypot(x - 40 - shift, y - 30.5) for shift in range(3)]
-    >>> frames = np.uint8(20 + 200 * np.clip(10.5 - np.stack(frames), 0, 1))
+    >>> distance = np.stack([np.hypot(x - 40 - shift, y - 30.5) for shift in range(3)])
+    >>> frames = np.uint8(20 + 200 * np.clip(10.5 - distance, 0, 1))
     >>> found = recognize_sequence(frames)
     >>> found.offsets.tolist(), [targets.centre_px[0, 0].round(1).item() for targets in found]
     ([0, 1, 2, 3], [40.0, 41.0, 42.0])
+
+    Followed from frame to frame, of which only the first is searched as a whole:
+
+    >>> fast = RecognitionOptions(method="edge-pair")
+    >>> frames = np.uint8(20 + 200 / (1 + np.exp(2 * (distance - 10.5))))
+    >>> followed = recognize_sequence(frames, fast, track=TrackedOptions(margin_px=3))
+    >>> followed.full.tolist(), followed.lost.tolist(), followed.offsets.tolist()
+    ([True, False, False], [0, 0, 0], [0, 1, 2, 3])
     """
     options = options or RecognitionOptions()
     recognizer = core_recognizer(options)
@@ -155,25 +182,32 @@ def recognize_sequence(
     if isinstance(frames, np.ndarray):
         _check_stack(frames)
     numbers = frame_numbers(len(frames), first, last)
+    if track is not None:
+        core_tracker(options, track, camera)  # refuses what is wrong before a frame is read
     rule = camera_rule(camera, frames, options, numbers)
     tell = progress or (lambda done, total: None)
-    if hasattr(frames, "read"):
-        source = cast(Frames, frames)
+    follower = None if track is None else Follower(options, track, rule, recognizer)
+    if follower is not None:
+        parts = _of_followed(_frame_work(frames, options, follower.recognize), numbers, tell)
+    elif hasattr(frames, "read"):
 
-        def one(index: int) -> dict[str, Any]:
-            return _one_frame(source, index, options, recognizer, rule)
+        def whole(frame: CoreFrame) -> dict[str, Any]:
+            found = recognizer.recognize_frames([frame], 1, rule.core_for(frame))
+            return cast(dict[str, Any], found)
 
-        parts = _of_source(one, numbers, num_threads, tell)
+        parts = _of_source(_frame_work(frames, options, whole), numbers, num_threads, tell)
     else:
         parts = _of_arrays(frames, numbers, recognizer, rule, num_threads, tell)
     # A set of no frames gives the arrays their types where there is nothing else.
-    parts = parts or [recognizer.recognize_frames([])]
-    sizes = [np.diff(part["offsets"]) for part in parts]
+    joined = parts or [recognizer.recognize_frames([])]
+    sizes = [np.diff(part["offsets"]) for part in joined]
     return TargetSequence(
-        targets=Targets(**{n: np.concatenate([part[n] for part in parts]) for n in _FIELDS}),
+        targets=Targets(**{n: np.concatenate([part[n] for part in joined]) for n in _FIELDS}),
         offsets=np.concatenate([[0], *sizes]).cumsum(dtype=np.int64),
         frame=np.arange(numbers.start, numbers.stop, dtype=np.int64),
-        camera=rule.camera,
+        camera=follower.camera if follower else rule.camera,
+        full=np.array([part["full"] for part in parts], bool) if follower else None,
+        lost=np.array([part["lost"] for part in parts], np.int32) if follower else None,
     )
 
 
@@ -286,17 +320,34 @@ def _of_source(
     return parts
 
 
-def _one_frame(
+def _of_followed(
+    one_frame: Callable[[int], dict[str, Any]], numbers: range, tell: Callable[[int, int], None]
+) -> list[dict[str, Any]]:
+    """One frame after the other, in their order."""
+    parts: list[dict[str, Any]] = []
+    for index in numbers:
+        parts.append(one_frame(index))
+        tell(len(parts), len(numbers))
+    return parts
+
+
+def _frame_work(
+    frames: Any, options: RecognitionOptions, recognize: Callable[[CoreFrame], dict[str, Any]]
+) -> Callable[[int], dict[str, Any]]:
+    """``recognize`` of the frame with a number; a frame that is none is named."""
+    if hasattr(frames, "read"):
+        return lambda index: _of_source_frame(frames, index, options, recognize)
+    return lambda index: recognize(_checked_array(frames[index], index))
+
+
+def _of_source_frame(
     source: Frames,
     index: int,
     options: RecognitionOptions,
-    recognizer: _core.Recognizer,
-    rule: CameraRule,
+    recognize: Callable[[CoreFrame], dict[str, Any]],
 ) -> dict[str, Any]:
     try:
-        frame = checked_frame(read_frame(source, index, options))
-        model = rule.core_for(frame)
-        return cast(dict[str, Any], recognizer.recognize_frames([frame], 1, model))
+        return recognize(checked_frame(read_frame(source, index, options)))
     except (SequenceError, ValueError, OSError) as error:
         name = source.name(index) if hasattr(source, "name") else f"frame {index + 1}"
         if isinstance(error, SequenceError) and name in str(error):

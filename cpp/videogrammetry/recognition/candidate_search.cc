@@ -183,8 +183,7 @@ class CandidateSearch {
 
   std::optional<Ellipse> Accept(const ContourMoments& m) const {
     if (std::min(m.width_px, m.height_px) < 0.6 * min_diameter_) return std::nullopt;
-    // 1 for an ellipse, 0.955 for a square; the pixels' share falls with the area.
-    if (EllipseLikeness(m) < 0.985 - 0.8 / m.area) return std::nullopt;
+    if (!IsLikeEllipse(m)) return std::nullopt;
     const auto ellipse = EllipseFromMoments(m);
     if (!ellipse || ellipse->semi_minor_px < 0.2 * ellipse->semi_major_px) return std::nullopt;
     // Half a pixel of freedom: the axes are judged after the fit.

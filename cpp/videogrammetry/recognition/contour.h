@@ -83,4 +83,10 @@ std::optional<Ellipse> EllipseFromMoments(const ContourMoments& moments);
 /// ellipse, 0.955 for any parallelogram, less for all that is ragged or concave.
 double EllipseLikeness(const ContourMoments& moments);
 
+/// Whether that is an ellipse's, 1 (0.955 for a square): the pixels' share falls with the
+/// area.
+inline bool IsLikeEllipse(const ContourMoments& moments) {
+  return EllipseLikeness(moments) >= 0.985 - 0.8 / moments.area;
+}
+
 }  // namespace videogrammetry

@@ -194,9 +194,10 @@ class Iteration {
   double light_sigma_, blur_sigma_, blur_;  ///< priors
   double bright_;                           ///< grey value of the brighter side
   double contrast_;
-  double prior_scale_;      ///< variance that the residuals are in units of
-  double factor_ = 0.0;     ///< weighted square sum after the last step over its degrees of freedom
-  double length_px_ = 0.0;  ///< of the last step
+  double prior_scale_;   ///< variance that the residuals are in units of
+  double factor_ = 0.0;  ///< weighted square sum after the last step over its degrees of freedom
+  double plain_factor_ = 0.0;  ///< the same, outliers at full weight
+  double length_px_ = 0.0;     ///< of the last step
   NormalEquations equations_ = {};
 };
 
@@ -272,6 +273,7 @@ bool Iteration::Step(bool linearise) {
   double fallen = 0.0;
   for (int i = 0; i < kNumParameters; ++i) fallen += step[i] * equations_.right[i];
   factor_ = std::max(1e-12, (sums_.squares - fallen) / dof());
+  plain_factor_ = std::max(factor_, (sums_.plain_squares - fallen) / dof());
   return values_[kBlur] > kLeastBlurPx && values_[kBlur] < kMostBlurPx;
 }
 
@@ -313,6 +315,7 @@ std::optional<ModelFit> Iteration::Result(const DotStart& start, bool pool) cons
   fit.outside = values_[kOut];
   fit.blur_px = values_[kBlur];
   fit.variance_factor = factor_;
+  fit.plain_factor = plain_factor_;
   fit.pixels = count();
   const bool significant = factor_ > 1.0 + 2.5 * std::sqrt(2.0 / dof());
   const double factor = !picture_ || significant ? factor_ : 1.0;

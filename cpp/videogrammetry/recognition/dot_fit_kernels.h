@@ -43,6 +43,7 @@ struct Sums {
   float product[kNumProducts];
   float right[kNumParameters];
   float squares;                       ///< weighted, of the residuals
+  float plain_squares;                 ///< the same, outliers at full weight
   float bright_squares, bright_count;  ///< unweighted, of pixels inside the edge,
   float dark_squares, dark_count;      ///< and beyond it
 };

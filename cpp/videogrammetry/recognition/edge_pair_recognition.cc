@@ -64,10 +64,30 @@ TargetEdge EdgeOf(const ModelFit& fit, const GreyNoise& noise) {
 /// not such that they tell nothing.
 bool IsClear(const ModelFit& fit, const GreyNoise& noise) {
   const double chance = 3.0 * std::sqrt(2.0 / fit.pixels);
-  const double excess = std::max(0.0, fit.variance_factor - 1.0 - chance);
+  const double excess = std::max(0.0, fit.plain_factor - 1.0 - chance);
   const double contrast = fit.inside - fit.outside;
   const double unit = noise.Variance(0.5 * (fit.inside + fit.outside)) / (contrast * contrast);
   return excess * unit <= kDot * kDot && chance * unit <= kBlind * kBlind;
+}
+
+/// Takes noise back to what the picture's ground may have: the search's threshold is at
+/// least four deviations of a difference. Where something covers a part of most dots their
+/// residuals are no noise.
+void LimitNoise(const std::vector<ModelFit>& fits, int gradient_threshold, GreyNoise* noise) {
+  constexpr double kMostNoise = 3.0;
+  double contrast = 0.0, variance = 0.0;
+  for (const ModelFit& fit : fits) {
+    contrast += (fit.inside - fit.outside) / static_cast<double>(fits.size());
+    variance += noise->Variance(fit.outside) / static_cast<double>(fits.size());
+  }
+  // (what is clear may have 3 % of the contrast beyond noise: less than that is no matter)
+  const double most = std::max(kMostNoise * gradient_threshold / (4.0 * std::numbers::sqrt2),
+                               1.5 * kDot * contrast);
+  if (variance <= most * most) return;
+  const double part = most * most / variance;
+  noise->at_zero *= part;
+  noise->per_grey *= part;
+  noise->least = std::max(1.0 / 12.0, part * noise->least);
 }
 
 /// The flare that dots have in common beyond chance, or 0. The median of a gradient's
@@ -140,12 +160,28 @@ class WindowPicture {
   SignedImage<std::uint16_t> image_;
 };
 
+/// Whether the area around a candidate's middle is closed at its level and an ellipse's, as
+/// in the local Canny's search: what something covers in part is not.
+bool IsEllipseAtLevel(const SignedImage<std::uint16_t>& image, const Candidate& candidate) {
+  const int level = static_cast<int>(std::ceil(candidate.level));
+  int x = static_cast<int>(std::lround(candidate.ellipse.x_px));
+  const int y = static_cast<int>(std::lround(candidate.ellipse.y_px));
+  if (x < 1 || y < 1 || x + 1 >= image.width() || y + 1 >= image.height()) return false;
+  if (image(x, y) < level) return false;
+  while (x > 0 && image(x - 1, y) >= level) --x;
+  if (x == 0) return false;
+  ContourFollower<std::uint16_t> contour(image, std::max(image.width(), image.height()));
+  if (contour.Follow(x, y, level) != ContourEnd::kClosed) return false;
+  return IsLikeEllipse(contour.Moments());
+}
+
 }  // namespace
 
 EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
-                                         const CodeFamily& family)
+                                         const CodeFamily& family, int gradient_threshold)
     : options_(options),
       family_(family),
+      gradient_threshold_(gradient_threshold),
       reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1),
       places_(reader_.width(), reader_.height()),
       rings_(family, reader_.width(), reader_.height()) {}
@@ -211,6 +247,7 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegi
     if (const auto flare = MeasureFlare(window, *fit)) flares.push_back(*flare);
   }
   picture->gradient = PoolGradient(fits);
+  LimitNoise(fits, gradient_threshold_, &picture->noise);
   const double flare = PoolFlare(std::move(flares));
   if (kFlareLever * picture->blur_px * flare > kFlarePx) picture->flare = kFlareTails * flare;
   return picture;
@@ -255,6 +292,7 @@ std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureByLocal
   candidate.ellipse = local.Inwards(dot.frame.ToEllipse());
   candidate.inside = static_cast<float>(dot.inside);
   candidate.level = static_cast<float>(0.5 * (dot.inside + dot.outside));
+  if (!IsEllipseAtLevel(local.image(), candidate)) return std::nullopt;
   auto edge = MeasureTargetEdge(local.image(), candidate, options_);
   if (!edge) return std::nullopt;
   edge->ellipse = local.Outwards(edge->ellipse);

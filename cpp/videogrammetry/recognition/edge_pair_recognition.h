@@ -35,7 +35,7 @@ namespace videogrammetry {
 class EdgePairRecognition {
  public:
   EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
-                      const CodeFamily& family);
+                      const CodeFamily& family, int gradient_threshold);
 
   /// @param camera  nullptr: learned from the picture.
   /// @return the targets in the order of their centres' y, then x.
@@ -74,6 +74,7 @@ class EdgePairRecognition {
 
   const RecognitionOptions& options_;
   const CodeFamily& family_;
+  const int gradient_threshold_;  ///< of the search
   WindowReader reader_;
   DotFitter fitter_;
   std::optional<PictureModel> picture_;

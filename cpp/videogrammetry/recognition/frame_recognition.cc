@@ -136,7 +136,7 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
   const int second = camera ? camera->second_threshold : kSecondThreshold * first;
   const DotAreas areas = FindDotAreas(frame, options, first, second, windows);
-  EdgePairRecognition recognition(frame, options, family);
+  EdgePairRecognition recognition(frame, options, family, first);
   std::vector<Target> targets = recognition.Measure(areas.regions, camera);
   SelectByRings(family, frame, &targets);
   if (learned && recognition.picture()) {

@@ -45,6 +45,7 @@ struct ModelFit {
   std::optional<Eigen::Vector2d> gradient;
   double gradient_variance = 0.0;
   double variance_factor = 1.0;  ///< a posteriori: weighted square sum over its degrees of freedom
+  double plain_factor = 1.0;     ///< the same, outliers at full weight (DotFitter alone)
   int pixels = 0;                ///< that were looked at
 };
 

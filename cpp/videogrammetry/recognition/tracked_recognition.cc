@@ -50,8 +50,8 @@ TrackedRecognizer::TrackedRecognizer(const RecognitionOptions& options, const Co
 std::vector<Target> TrackedRecognizer::SearchWhole(const FrameView& frame) {
   if (!camera_) {
     // The first frame too is measured by the rule of all others.
-    RecognizeFrame(frame, options_, family_, nullptr, WholeFrame(frame), &camera_);
-    if (!camera_) return {};
+    auto alone = RecognizeFrame(frame, options_, family_, nullptr, WholeFrame(frame), &camera_);
+    if (!camera_) return alone;
   }
   return RecognizeFrame(frame, options_, family_, &*camera_, WholeFrame(frame), nullptr);
 }
@@ -104,7 +104,7 @@ TrackedFrame TrackedRecognizer::Next(const FrameView& frame) {
   TrackedFrame result;
   const int width = FrameWidth(frame), height = FrameHeight(frame);
   std::vector<Track> next;
-  result.full = full_next_ || !camera_ || frame_ % tracked_.full_every == 0;
+  result.full = full_next_ || !camera_ || tracks_.empty() || frame_ % tracked_.full_every == 0;
   ++frame_;
   std::vector<int> lost;
   if (result.full) {

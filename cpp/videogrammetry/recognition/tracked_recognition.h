@@ -33,9 +33,11 @@ struct TrackedFrame {
 /// A target is expected where it would be if it went on as between the last two frames.
 /// Windows around these places are searched by the rule of the whole frame's search, with
 /// one camera's model, so that a target that lies in a window is the one that the whole
-/// frame's search gives, bit for bit. Where a target is not found, a window three times as
-/// wide is searched; if it is not there either, the next frame is searched as a whole, and
-/// so is every `full_every`-th. Method "edge-pair" alone.
+/// frame's search gives: bit for bit, unless clutter that reaches into the window lets the
+/// search begin at another chord of the dot, and then to a tenth of its sigma. Where a
+/// target is not found, a window three times as wide is searched; if it is not there
+/// either, the next frame is searched as a whole, and so is every `full_every`-th, and one
+/// after a frame without targets. Method "edge-pair" alone.
 class TrackedRecognizer {
  public:
   /// @param camera  learned from the first frame with targets if it is not given.

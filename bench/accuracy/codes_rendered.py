@@ -1,7 +1,7 @@
 """Codes read in rendered pictures of known truth: how many, and is one of them wrong.
 
     python bench/accuracy/codes_rendered.py [--targets 400] [--seed 1]
-        [--method local-canny] [--family NAME ...] [--processes 0] [--list]
+        [--method edge-pair] [--family NAME ...] [--processes 0] [--list]
 
 `--targets` coded targets of every family, among un-coded dots, rings of all other
 families, partly hidden rings, mirrored ones (of the user's table alone: Schneider's
@@ -363,7 +363,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--targets", type=int, default=400, help="coded ones of every family")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--method", default="local-canny")
+    parser.add_argument("--method", default="edge-pair")
     parser.add_argument("--family", nargs="+", default=FAMILIES, choices=FAMILIES)
     parser.add_argument("--processes", type=int, default=0, help="0: one a core")
     parser.add_argument("--list", action="store_true", help="name every wrong ID")

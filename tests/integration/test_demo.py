@@ -34,8 +34,9 @@ def test_calibration_is_at_its_prediction(results):
 def test_errors_agree_with_their_prediction(results):
     for name in (TYRE, BAR, ACROSS):
         truth = results.scenes[name].verification.truth
-        # The calibration's part is one draw of a few numbers, a third of the whole at most.
-        assert 0.7 < truth.total.ratio < 1.4
+        # The calibration's part is one draw of a few numbers, a third of the whole at most;
+        # the 30 coordinates of a bar's ten positions scatter by 1 / sqrt(60) = 0.13.
+        assert 0.6 < truth.total.ratio < 1.4
         assert not truth.wrong
     fall = results.scenes[TYRE].verification.free_fall
     assert abs(fall.fit.deviation_sigmas) < 3.5

@@ -54,6 +54,7 @@ TargetEdge EdgeOf(const ModelFit& fit, const GreyNoise& noise) {
   edge.ellipse = fit.ellipse;
   edge.cov = fit.cov;
   edge.edge_rms_px = EdgeRms(fit, noise);
+  edge.exact_axes = true;
   edge.inside = fit.inside;
   edge.outside = fit.outside;
   edge.width_px = std::sqrt(fit.blur_px * fit.blur_px + 1.0 / 12.0);
@@ -334,10 +335,9 @@ void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot
   if (family_.num_bits > 0) {
     const GreyWindow window = ReadRingWindow(ring_dot, family_, &reader_);
     target.ring = ReadRing(window, ring_dot, family_, options_.direction);
-    // Clear sectors that are a little off, or a dot that is known badly: seldom.
+    // (a second chance for every ring would let prints of other families through)
     const RingStatus status = target.ring.status;
-    if (status == RingStatus::kEdgesOff ||
-        (IsVague(ring_dot) && !target.ring.id && status != RingStatus::kNoRing)) {
+    if (IsVague(ring_dot) && !target.ring.id && status != RingStatus::kNoRing) {
       ReadRingAgain(ring_dot, &target.ring);
     }
     rings_.Add(target);

@@ -64,6 +64,7 @@ RingSampler::RingSampler(const GreyWindow& window, const TargetEdge& dot, const 
   scale_ = static_cast<float>(1.0 / (dot.inside - dot.outside));
   blur_px_ = std::clamp(dot.width_px, 0.4, 0.6 * b);
   edge_sigma_px_ = dot.edge_rms_px;
+  exact_axes_ = dot.exact_axes;
 }
 
 bool RingSampler::Circle(const Turned& turned, double radius, int per_sector, float* values) const {
@@ -154,6 +155,7 @@ bool RingSampler::Sample(double phase, RingSamples* samples) const {
 double RingSampler::LargestScale() const {
   // 0.8 (blur / radius)^2, a fifth more at most, and less than a tenth: families' rings
   // differ by more.
+  if (exact_axes_) return 1.0;
   const double det = xx_ * yy_ - xy_ * xy_;
   return 1.0 + std::min(0.1, blur_px_ * blur_px_ / det);
 }

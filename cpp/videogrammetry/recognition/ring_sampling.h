@@ -74,6 +74,7 @@ class RingSampler {
   double reach_x_, reach_y_;  ///< of the ellipse
   float outside_, scale_;     ///< v = (I - outside) scale
   double blur_px_, edge_sigma_px_;
+  bool exact_axes_;
 };
 
 /// The part of the picture that a dot's ring may need.

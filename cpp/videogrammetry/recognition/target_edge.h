@@ -19,6 +19,9 @@ struct TargetEdge {
   double width_px = 0.0;  ///< standard deviation of the edge's spread
   /// First harmonics of both plateaus that are added light, in grey values, or 0.
   double inside_glare = 0.0, outside_glare = 0.0;
+  /// Whether the axes are those of the printed dot (a model with its blur); else the blur
+  /// may have made them smaller, to second order in blur over radius.
+  bool exact_axes = false;
 };
 
 /// Measures a candidate's edge: steps 3 to 5 of the local Canny, and the last word on it.

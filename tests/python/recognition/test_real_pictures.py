@@ -39,12 +39,12 @@ def folder_of(data, name):
 def test_the_marks_of_the_sheet_are_found(data):
     rows = judged(methods.sheet(folder_of(data, "camcal")))
     assert sum(len(r["hit"]) for r in rows) == 2074
-    assert sum(r["hit"].sum() for r in rows) >= 2071
+    assert sum(r["hit"].sum() for r in rows) == 2074
     # The local Canny: 2068 marks, 0.079, 0.117 px, 40 elsewhere.
     sd = methods.robust_sd(np.concatenate([r["error"] for r in rows]))
     assert sd[0] < 0.08
     assert sd[1] < 0.13
-    assert sum(len(r["elsewhere"]) for r in rows) <= 50
+    assert sum(len(r["elsewhere"]) for r in rows) <= 45
 
 
 @pytest.mark.data
@@ -52,9 +52,9 @@ def test_the_marks_of_the_sheet_are_found(data):
 def test_the_panel_is_read(data):
     rows = judged(methods.panel(folder_of(data, "aicon")))
     assert sum(r["wrong"] for r in rows) == 0
-    assert sum(r["read"] for r in rows) >= 0.996 * sum(r["coded"] for r in rows)
+    assert sum(r["read"] for r in rows) >= 0.998 * sum(r["coded"] for r in rows)
     # The local Canny: 3662 of 3762 places, many behind hands; 23 elsewhere.
-    assert sum(r["hit"].sum() for r in rows) >= 3655
+    assert sum(r["hit"].sum() for r in rows) >= 3662
     assert sum(len(r["elsewhere"]) for r in rows) <= 23
 
 

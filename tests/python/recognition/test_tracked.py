@@ -274,7 +274,10 @@ def test_progress_is_told_of_every_frame_and_may_stop(kind):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"options": RecognitionOptions()}, "method: .*'edge-pair' alone, got 'local-canny'"),
+        (
+            {"options": RecognitionOptions(method="local-canny")},
+            "method: .*'edge-pair' alone, got 'local-canny'",
+        ),
         ({"camera": None}, "camera: expected a CameraModel or 'learn' with track, got None"),
         ({"camera": "lern"}, "camera: expected a CameraModel, 'learn' or None, got 'lern'"),
         ({"track": TrackedOptions(full_every=0)}, "full_every: expected 1 or more, got 0"),

@@ -63,7 +63,7 @@ def default_data() -> Path:
 
 
 def write_project(
-    folder: Path, data: Path, recognition: str = "local-canny", estimator: str = "mean-gradient"
+    folder: Path, data: Path, recognition: str = "edge-pair", estimator: str = "auto"
 ) -> Path:
     """project.toml of the panel in ``folder``."""
     path = folder / "project.toml"
@@ -303,10 +303,10 @@ def main() -> None:
     parser.add_argument("--write-project", type=Path, metavar="DIR", help="only write the project")
     parser.add_argument("--judge", type=Path, metavar="DIR", help="only judge a finished project")
     parser.add_argument(
-        "--recognition", default="local-canny", choices=("local-canny", "edge-pair")
+        "--recognition", default="edge-pair", choices=("local-canny", "edge-pair")
     )
     parser.add_argument(
-        "--estimator", default="mean-gradient", choices=("mean-gradient", "dual-conic", "model")
+        "--estimator", default="auto", choices=("auto", "mean-gradient", "dual-conic", "model")
     )
     args = parser.parse_args()
     if args.judge:

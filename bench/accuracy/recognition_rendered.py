@@ -1,7 +1,7 @@
 """Recognition on rendered pictures of known truth: 8 to 20 px dots on clutter.
 
     python bench/accuracy/recognition_rendered.py [--data FOLDER] [--list]
-        [--estimator mean-gradient | dual-conic | model]
+        [--method edge-pair | local-canny] [--estimator auto | mean-gradient | dual-conic | model]
 
 RMS of the centres per coordinate; `sigma` is the median predicted standard
 deviation, `chi` the RMS of error over predicted deviation (1: the covariance
@@ -92,10 +92,13 @@ def main():
     parser.add_argument("--data", type=Path, default=Path(default))
     parser.add_argument("--list", action="store_true", help="name what is missed and false")
     parser.add_argument(
-        "--estimator", default="mean-gradient", choices=("mean-gradient", "dual-conic", "model")
+        "--method", default="edge-pair", choices=("edge-pair", "local-canny")
+    )
+    parser.add_argument(
+        "--estimator", default="auto", choices=("auto", "mean-gradient", "dual-conic", "model")
     )
     args = parser.parse_args()
-    options = RecognitionOptions(estimator=args.estimator)
+    options = RecognitionOptions(method=args.method, estimator=args.estimator)
     folder = args.data / "rendered-targets"
     if not folder.is_dir():
         sys.exit(f"{folder} is not there: give --data or set VIDEOGRAMMETRY_DATA")

@@ -302,9 +302,7 @@ def main() -> None:
     parser.add_argument("data", nargs="?", type=Path, default=default_data())
     parser.add_argument("--write-project", type=Path, metavar="DIR", help="only write the project")
     parser.add_argument("--judge", type=Path, metavar="DIR", help="only judge a finished project")
-    parser.add_argument(
-        "--recognition", default="edge-pair", choices=("local-canny", "edge-pair")
-    )
+    parser.add_argument("--recognition", default="edge-pair", choices=("local-canny", "edge-pair"))
     parser.add_argument(
         "--estimator", default="auto", choices=("auto", "mean-gradient", "dual-conic", "model")
     )

@@ -91,9 +91,7 @@ def main():
     default = os.environ.get("VIDEOGRAMMETRY_DATA", "../shared/data")
     parser.add_argument("--data", type=Path, default=Path(default))
     parser.add_argument("--list", action="store_true", help="name what is missed and false")
-    parser.add_argument(
-        "--method", default="edge-pair", choices=("edge-pair", "local-canny")
-    )
+    parser.add_argument("--method", default="edge-pair", choices=("edge-pair", "local-canny"))
     parser.add_argument(
         "--estimator", default="auto", choices=("auto", "mean-gradient", "dual-conic", "model")
     )

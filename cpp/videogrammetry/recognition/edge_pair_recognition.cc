@@ -71,6 +71,27 @@ bool IsClear(const ModelFit& fit, const GreyNoise& noise) {
   return excess * unit <= kDot * kDot && chance * unit <= kBlind * kBlind;
 }
 
+/// The areas' order, equal from wherever they come: of the whole picture or of a part of it.
+std::vector<int> FromTheLargest(const std::vector<DotRegion>& regions) {
+  std::vector<int> order(regions.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) {
+    const ContourMoments &m = regions[static_cast<std::size_t>(a)].moments,
+                         &n = regions[static_cast<std::size_t>(b)].moments;
+    return std::tuple(-m.area, m.mean_y, m.mean_x) < std::tuple(-n.area, n.mean_y, n.mean_x);
+  });
+  return order;
+}
+
+/// The median deviation of the grey values inside dots.
+double TextureOf(const std::vector<ModelFit>& fits) {
+  std::vector<double> variances;
+  for (const ModelFit& fit : fits) variances.push_back(fit.inside_variance.value_or(fit.variance));
+  const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
+  std::nth_element(variances.begin(), middle, variances.end());
+  return std::sqrt(*middle);
+}
+
 /// Takes noise back to what the picture's ground may have: the search's threshold is at
 /// least four deviations of a difference. Where something covers a part of most dots their
 /// residuals are no noise.
@@ -210,8 +231,8 @@ std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const Dot
   return Start{begun ? *begun : dot, dot};
 }
 
-std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegion>& regions,
-                                                       const std::vector<int>& order) {
+std::optional<PictureModel> EdgePairRecognition::LearnFrom(const std::vector<DotRegion>& regions,
+                                                           const std::vector<int>& order) {
   struct Lesson {
     DotStart start;
     ModelFit fit;
@@ -237,6 +258,7 @@ std::optional<PictureModel> EdgePairRecognition::Learn(const std::vector<DotRegi
   std::vector<ModelFit> fits;
   for (const Lesson& lesson : lessons) fits.push_back(lesson.fit);
   auto picture = PoolModels(fits);
+  texture_ = TextureOf(fits);
   // How even the light is shows with the noise known only.
   std::vector<FlareSample> flares;
   fits.clear();
@@ -364,17 +386,12 @@ void EdgePairRecognition::MeasureUnclear() {
   }
 }
 
-std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& regions,
-                                                 const CameraModel* camera) {
-  std::vector<int> order(regions.size());
-  std::iota(order.begin(), order.end(), 0);
-  // Equal from wherever the areas come: of the whole picture or of a part of it.
-  std::sort(order.begin(), order.end(), [&](int a, int b) {
-    const ContourMoments &m = regions[static_cast<std::size_t>(a)].moments,
-                         &n = regions[static_cast<std::size_t>(b)].moments;
-    return std::tuple(-m.area, m.mean_y, m.mean_x) < std::tuple(-n.area, n.mean_y, n.mean_x);
-  });
-  picture_ = camera ? std::optional(camera->picture) : Learn(regions, order);
+void EdgePairRecognition::Learn(const std::vector<DotRegion>& regions) {
+  picture_ = LearnFrom(regions, FromTheLargest(regions));
+}
+
+std::vector<Target> EdgePairRecognition::Measure(const std::vector<DotRegion>& regions) {
+  const std::vector<int> order = FromTheLargest(regions);
   const double blur_px = UsualBlur();
   GreyWindow window;
   for (const int i : order) {

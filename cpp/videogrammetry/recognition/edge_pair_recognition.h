@@ -37,12 +37,18 @@ class EdgePairRecognition {
   EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
                       const CodeFamily& family, int gradient_threshold);
 
-  /// @param camera  nullptr: learned from the picture.
-  /// @return the targets in the order of their centres' y, then x.
-  std::vector<Target> Measure(const std::vector<DotRegion>& regions, const CameraModel* camera);
+  /// Learns noise, blur and light from some of the areas; to be called first, this or
+  /// SetPicture.
+  void Learn(const std::vector<DotRegion>& regions);
+  void SetPicture(const PictureModel& picture) { picture_ = picture; }
 
-  /// The picture's model after Measure; nullopt if it had no dots.
+  /// The picture's model; nullopt if it had no dots.
   const std::optional<PictureModel>& picture() const { return picture_; }
+  /// Standard deviation of the grey values inside the dots that were learned from.
+  double texture() const { return texture_; }
+
+  /// @return the targets in the order of their centres' y, then x.
+  std::vector<Target> Measure(const std::vector<DotRegion>& regions);
 
  private:
   struct Start {
@@ -58,8 +64,8 @@ class EdgePairRecognition {
 
   GreyWindow WindowOf(const EllipseFrame& frame, double more_px);
   std::optional<Start> BeginAt(const DotRegion& region, double blur_px, GreyWindow* window);
-  std::optional<PictureModel> Learn(const std::vector<DotRegion>& regions,
-                                    const std::vector<int>& order);
+  std::optional<PictureModel> LearnFrom(const std::vector<DotRegion>& regions,
+                                        const std::vector<int>& order);
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
   std::optional<CannyDot> MeasureByLocalCanny(const DotStart& dot);
   std::optional<CannyDot> MeasureUnclearAt(const Start& start);
@@ -78,6 +84,7 @@ class EdgePairRecognition {
   WindowReader reader_;
   DotFitter fitter_;
   std::optional<PictureModel> picture_;
+  double texture_ = 0.0;
   std::vector<Start> unclear_;
   std::vector<Target> targets_;
   PlaceIndex places_;  ///< of the targets

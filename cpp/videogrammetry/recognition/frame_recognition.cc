@@ -62,67 +62,40 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
   return targets;
 }
 
-/// The second search's threshold over the first one's. On fewer rows, for larger dots alone, it
-/// lost some whose few chords were broken all the same.
-constexpr int kSecondThreshold = 3;
+/// The second search's threshold over the first one's, and the third's over the second's. On
+/// fewer rows, for larger dots alone, they lost some whose few chords were broken all the same.
+constexpr int kHigherThreshold = 3;
+/// Four deviations of a difference of the grey values inside dots over the threshold, from
+/// which on more of their chords are broken than whole.
+constexpr double kTextured = 1.4;
 
-/// Areas of both searches; those of the second begin at `second`.
-struct DotAreas {
-  std::vector<DotRegion> regions;
-  std::size_t second = 0;
-};
-
-/// A chord ends at the nearest edge beyond the threshold, so texture, compression or a
-/// gleam inside a dot of high contrast breaks its chords where the threshold follows faint
-/// edges. A second search at a higher threshold does not see them.
-DotAreas FindDotAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
-                      int second_threshold, const std::vector<SearchWindow>& windows) {
+/// Adds areas that a search at higher thresholds finds: a chord ends at the nearest edge
+/// beyond the threshold, so texture, compression or a gleam inside a dot of high contrast
+/// breaks its chords where the threshold follows faint edges.
+void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
+                      const std::vector<SearchWindow>& windows, std::vector<DotRegion>* areas) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
-  DotAreas areas;
-  areas.regions = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
-  areas.second = areas.regions.size();
-  if (second_threshold == 0) return areas;
   PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
-  const auto add = [&](const DotRegion& area) {
-    const ContourMoments& m = area.moments;
-    index.Insert(m.mean_x, m.mean_y, static_cast<int>(areas.regions.size()));
-    areas.regions.push_back(area);
+  const auto enter = [&](std::size_t i) {
+    const ContourMoments& m = (*areas)[i].moments;
+    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
   };
-  std::vector<DotRegion> first = std::move(areas.regions);
-  areas.regions.clear();
-  for (const DotRegion& area : first) add(area);
+  for (std::size_t i = 0; i < areas->size(); ++i) enter(i);
   // Each finds some that the others do not: where its threshold meets the texture's steps.
-  for (const int higher : {second_threshold, kSecondThreshold * second_threshold}) {
+  for (const int higher : {threshold, kHigherThreshold * threshold}) {
     for (const DotRegion& area :
          FindDotRegions(frame, sign, options.diameter_px, higher, windows)) {
       const ContourMoments& m = area.moments;
       // The very same one: another level may make a dot of what was none.
       const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
-        const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
+        const double other = (*areas)[static_cast<std::size_t>(number)].moments.area;
         return std::abs(m.area - other) < 0.01 * other;
       });
-      if (!known) add(area);
+      if (known) continue;
+      areas->push_back(area);
+      enter(areas->size() - 1);
     }
   }
-  return areas;
-}
-
-/// Whether a target is where the first search had no area of about its size.
-bool NeedsSecondSearch(const FrameView& frame, const DotAreas& areas,
-                       const std::vector<Target>& targets) {
-  PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
-  for (std::size_t i = 0; i < areas.second; ++i) {
-    const ContourMoments& m = areas.regions[i].moments;
-    index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
-  }
-  return std::any_of(targets.begin(), targets.end(), [&](const Target& target) {
-    const Ellipse& e = target.edge.ellipse;
-    const double area = std::numbers::pi * e.semi_major_px * e.semi_minor_px;
-    return !index.AnyNear(e.x_px, e.y_px, 0.5 * e.semi_minor_px, [&](int number) {
-      const double other = areas.regions[static_cast<std::size_t>(number)].moments.area;
-      return other > 0.5 * area && other < 2.0 * area;
-    });
-  });
 }
 
 /// The fast way, in parts of the picture. What it learned of the camera goes to `learned`,
@@ -132,16 +105,26 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
                                          const std::vector<SearchWindow>& windows,
                                          std::optional<CameraModel>* learned) {
   if (FrameWidth(frame) < 3 || FrameHeight(frame) < 3) return {};
-  const int first =
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  const int threshold =
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
-  const int second = camera ? camera->second_threshold : kSecondThreshold * first;
-  const DotAreas areas = FindDotAreas(frame, options, first, second, windows);
-  EdgePairRecognition recognition(frame, options, family, first);
-  std::vector<Target> targets = recognition.Measure(areas.regions, camera);
+  auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
+  EdgePairRecognition recognition(frame, options, family, threshold);
+  int second = camera ? camera->second_threshold : 0;
+  if (camera) {
+    recognition.SetPicture(camera->picture);
+  } else {
+    recognition.Learn(areas);
+    const double step = 4.0 * std::numbers::sqrt2 * recognition.texture();
+    const bool textured = !recognition.picture() || step > kTextured * threshold;
+    if (textured) second = kHigherThreshold * threshold;
+  }
+  if (second != 0) AddTexturedAreas(frame, options, second, windows, &areas);
+  if (!recognition.picture()) recognition.Learn(areas);
+  std::vector<Target> targets = recognition.Measure(areas);
   SelectByRings(family, frame, &targets);
   if (learned && recognition.picture()) {
-    const bool both = NeedsSecondSearch(frame, areas, targets);
-    *learned = CameraModel{first, both ? second : 0, *recognition.picture()};
+    *learned = CameraModel{threshold, second, *recognition.picture()};
   }
   return targets;
 }

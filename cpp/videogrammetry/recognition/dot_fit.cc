@@ -324,7 +324,8 @@ std::optional<ModelFit> Iteration::Result(const DotStart& start, bool pool) cons
   const Matrix5d by_frame = frame.EllipseJacobian();
   jacobian << by_frame.rightCols<3>(), by_frame.leftCols<2>();
   const Matrix5d part = half * jacobian.transpose();
-  fit.cov.noalias() = factor * part.transpose() * part;
+  const Matrix5d cov = factor * part.transpose() * part;
+  fit.cov = 0.5 * (cov + cov.transpose());  // rounding
   BoundDirection(&fit.cov);
   if (pool) FillPool(contrast, factor, &fit);
   return fit;

@@ -68,15 +68,6 @@ const dot_fit::Kernels& KernelsOf([[maybe_unused]] InstructionSet set) {
   return dot_fit::BaselineKernels();
 }
 
-/// A direction is never known worse than not at all.
-void BoundDirection(Matrix5d* cov) {
-  const double most = std::numbers::pi / std::sqrt(12.0);
-  const double sigma = std::sqrt((*cov)(4, 4));
-  if (sigma <= most) return;
-  cov->row(4) *= most / sigma;
-  cov->col(4) *= most / sigma;
-}
-
 /// Normal equations N x = b by Cholesky's N = L L^T, written out for the few
 /// unknowns that there are: the library's takes four times as long.
 class NormalEquations {

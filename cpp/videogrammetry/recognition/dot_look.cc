@@ -5,13 +5,10 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <vector>
 
 namespace videogrammetry {
 namespace {
 
-/// Part of the contrast at which a dot is cut out anew.
-constexpr double kLowLevel = 0.2;
 /// Widths of the edge that a plateau keeps clear of, and the ground looked at beyond.
 constexpr double kEdge = 2.5, kGroundPx = 3.0;
 constexpr double kDeep = 0.6;  ///< inner places, in minor axes from the contour
@@ -103,59 +100,6 @@ class Plane {
   int count_ = 0;
 };
 
-/// Pixels of a window at or above a level that hang together with its (x, y).
-class Flood {
- public:
-  explicit Flood(const GreyWindow& window)
-      : window_(window),
-        seen_(static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height)) {}
-
-  /// @return nullopt if they reach the window's border or are none.
-  std::optional<EllipseFrame> From(int x, int y, float level) {
-    level_ = level;
-    Visit(x, y);
-    double n = 0.0, sx = 0.0, sy = 0.0, sxx = 0.0, sxy = 0.0, syy = 0.0;
-    while (!open_.empty()) {
-      const auto [px, py] = open_.back();
-      open_.pop_back();
-      const int right = window_.x0 + window_.width - 1, bottom = window_.y0 + window_.height - 1;
-      if (px == window_.x0 || py == window_.y0 || px == right || py == bottom) return std::nullopt;
-      const double dx = px - x, dy = py - y;
-      n += 1.0;
-      sx += dx;
-      sy += dy;
-      sxx += dx * dx;
-      sxy += dx * dy;
-      syy += dy * dy;
-      Visit(px - 1, py);
-      Visit(px + 1, py);
-      Visit(px, py - 1);
-      Visit(px, py + 1);
-    }
-    if (n < 1.0) return std::nullopt;
-    const double mx = sx / n, my = sy / n, box = 1.0 / 12.0;
-    const auto shape =
-        ShapeOfMoments(sxx / n - mx * mx + box, sxy / n - mx * my, syy / n - my * my + box);
-    if (!shape) return std::nullopt;
-    return EllipseFrame{{x + mx, y + my}, *shape};
-  }
-
- private:
-  void Visit(int x, int y) {
-    char& seen =
-        seen_[static_cast<std::size_t>(y - window_.y0) * static_cast<std::size_t>(window_.width) +
-              static_cast<std::size_t>(x - window_.x0)];
-    if (seen != 0 || window_(x, y) < level_) return;
-    seen = 1;
-    open_.push_back({x, y});
-  }
-
-  const GreyWindow& window_;
-  float level_ = 0.0f;
-  std::vector<char> seen_;
-  std::vector<std::array<int, 2>> open_;
-};
-
 }  // namespace
 
 bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
@@ -212,19 +156,6 @@ std::optional<FlareSample> MeasureFlare(const GreyWindow& window, const ModelFit
   const double contrast = fit.inside - fit.outside, unit = 1.0 / (contrast * contrast);
   return FlareSample{unit * (dark.gradient - share * bright.gradient).squaredNorm(),
                      unit * (dark.noise + share * share * bright.noise)};
-}
-
-std::optional<DotStart> CutOutLow(const GreyWindow& window, const DotStart& dot, double blur_px) {
-  const auto level = static_cast<float>(dot.outside + kLowLevel * (dot.inside - dot.outside));
-  const int x = static_cast<int>(std::lround(dot.frame.center.x()));
-  const int y = static_cast<int>(std::lround(dot.frame.center.y()));
-  if (!window.Covers(x, y)) return std::nullopt;
-  const auto frame = Flood(window).From(x, y, level);
-  if (!frame) return std::nullopt;
-  DotStart low = {*frame, dot.inside, dot.outside};
-  Resize(static_cast<double>(level), blur_px, &low);
-  if (!MeasureGrey(window, &low)) return std::nullopt;
-  return low;
 }
 
 }  // namespace videogrammetry

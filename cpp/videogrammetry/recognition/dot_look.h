@@ -22,18 +22,13 @@ void Resize(double level, double blur_px, DotStart* dot);
 
 /// Light that is added on one side of a dot's edge, in units of the contrast.
 struct FlareSample {
-  double square =
-      0.0;             ///< of the darker side's gradient over a radius, less its share of the light
+  /// Of the darker side's gradient over a radius, less its share of the light.
+  double square = 0.0;
   double noise = 0.0;  ///< variance of either coordinate of that gradient
 };
 
 /// Flare as the planes through both plateaus have it.
 /// @return nullopt if one of them is too small.
 std::optional<FlareSample> MeasureFlare(const GreyWindow& window, const ModelFit& fit);
-
-/// Cuts a dot out anew, at a fifth of the contrast: a gleam on a part of it makes the rest
-/// darker than half-way.
-/// @return nullopt if that is not closed within the window.
-std::optional<DotStart> CutOutLow(const GreyWindow& window, const DotStart& dot, double blur_px);
 
 }  // namespace videogrammetry

@@ -219,13 +219,7 @@ Matrix5d EllipseCovariance(const EllipseFrame& frame, const Matrix5d& frame_cov)
   Matrix5d cov = 0.5 * (product + product.transpose());  // rounding
   cov.diagonal().head<2>().array() += kSamplingPx * kSamplingPx;
   cov.diagonal().segment<2>(2).array() += 4 * kSamplingPx * kSamplingPx;
-  // A direction is never known worse than not at all.
-  const double most = std::numbers::pi / std::sqrt(12.0);
-  const double sigma = std::sqrt(cov(4, 4));
-  if (sigma > most) {
-    cov.row(4) *= most / sigma;
-    cov.col(4) *= most / sigma;
-  }
+  BoundDirection(&cov);
   return cov;
 }
 

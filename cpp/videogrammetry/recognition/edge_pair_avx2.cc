@@ -91,30 +91,6 @@ inline void Edges(const std::uint8_t* p, int threshold, std::uint64_t* rises,
 }
 
 template <Storage S>
-inline std::uint64_t AtLeast(const std::uint8_t* p, int level) {
-  std::uint64_t bits = 0;
-  for (int half = 0; half < 2; ++half) {
-    if constexpr (S == kBytes) {
-      const __m256i limit = _mm256_set1_epi8(static_cast<char>(level));
-      const __m256i value = Load256(p + 32 * half);
-      bits |= Bits(_mm256_cmpeq_epi8(_mm256_max_epu8(value, limit), value)) << (32 * half);
-    } else {
-      const __m256i limit = _mm256_set1_epi16(static_cast<short>(level));
-      const __m256i a = Load<S>(Ahead<S>(p, 32 * half)), b = Load<S>(Ahead<S>(p, 32 * half + 16));
-      bits |= Bits(_mm256_cmpeq_epi16(_mm256_max_epu16(a, limit), a),
-                   _mm256_cmpeq_epi16(_mm256_max_epu16(b, limit), b))
-              << (32 * half);
-    }
-  }
-  return bits;
-}
-
-template <Storage S>
-inline std::uint64_t AtMost(const std::uint8_t* p, int level) {
-  return level >= (S == kBytes ? 255 : 65535) ? ~std::uint64_t{0} : ~AtLeast<S>(p, level + 1);
-}
-
-template <Storage S>
 inline void Unpack(const std::uint8_t* p, std::uint16_t flip, std::uint16_t* out) {
   const __m256i flips = _mm256_set1_epi16(static_cast<short>(flip));
   _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), _mm256_xor_si256(Load<S>(p), flips));

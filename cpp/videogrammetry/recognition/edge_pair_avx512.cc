@@ -63,32 +63,6 @@ inline void Edges(const std::uint8_t* p, int threshold, std::uint64_t* rises,
 }
 
 template <Storage S>
-inline std::uint64_t AtLeast(const std::uint8_t* p, int level) {
-  if constexpr (S == kBytes) {
-    return _mm512_cmpge_epu8_mask(_mm512_loadu_si512(p),
-                                  _mm512_set1_epi8(static_cast<char>(level)));
-  } else {
-    const __m512i limit = _mm512_set1_epi16(static_cast<short>(level));
-    return _mm512_cmpge_epu16_mask(Load<S>(p), limit) |
-           static_cast<std::uint64_t>(_mm512_cmpge_epu16_mask(Load<S>(Ahead<S>(p, 32)), limit))
-               << 32;
-  }
-}
-
-template <Storage S>
-inline std::uint64_t AtMost(const std::uint8_t* p, int level) {
-  if constexpr (S == kBytes) {
-    return _mm512_cmple_epu8_mask(_mm512_loadu_si512(p),
-                                  _mm512_set1_epi8(static_cast<char>(level)));
-  } else {
-    const __m512i limit = _mm512_set1_epi16(static_cast<short>(level));
-    return _mm512_cmple_epu16_mask(Load<S>(p), limit) |
-           static_cast<std::uint64_t>(_mm512_cmple_epu16_mask(Load<S>(Ahead<S>(p, 32)), limit))
-               << 32;
-  }
-}
-
-template <Storage S>
 inline void Unpack(const std::uint8_t* p, std::uint16_t flip, std::uint16_t* out) {
   const __m512i flips = _mm512_set1_epi16(static_cast<short>(flip));
   _mm512_storeu_si512(out, _mm512_xor_si512(Load<S>(p), flips));

@@ -75,22 +75,6 @@ inline void Edges(const std::uint8_t* p, int threshold, std::uint64_t* rises,
 }
 
 template <Storage S>
-inline std::uint64_t AtLeast(const std::uint8_t* p, int level) {
-  using T = typename Holder<S>::Type;
-  T samples[64];
-  Load<S>(p, 64, samples);
-  const T limit = static_cast<T>(level);
-  std::uint8_t flags[64];
-  for (int i = 0; i < 64; ++i) flags[i] = samples[i] >= limit;
-  return Bits(flags);
-}
-
-template <Storage S>
-inline std::uint64_t AtMost(const std::uint8_t* p, int level) {
-  return level >= (S == kBytes ? 255 : 65535) ? ~std::uint64_t{0} : ~AtLeast<S>(p, level + 1);
-}
-
-template <Storage S>
 inline void Unpack(const std::uint8_t* p, std::uint16_t flip, std::uint16_t* out) {
   typename Holder<S>::Type samples[kUnpacked];
   Load<S>(p, kUnpacked, samples);

@@ -20,10 +20,6 @@ struct Kernels {
   /// @return how many words those are, of the (width + 61) / 64 written.
   int (*edges)(const std::uint8_t* row, int width, int threshold, std::uint64_t* rises,
                std::uint64_t* falls, int* which);
-  /// Bit i of out[j] is set where the sample x + i of the row j is at or above `level`
-  /// (or at or below it); x is even.
-  void (*levels)(const std::uint8_t* row, std::ptrdiff_t stride_bytes, int num_rows, int x,
-                 int width, int level, bool below, std::uint64_t* out);
   /// Copies samples, combined with `flip` by exclusive or; x is even. May write up to
   /// kSampleSlack values more.
   void (*samples)(const std::uint8_t* row, int width, int x, int count, std::uint16_t flip,

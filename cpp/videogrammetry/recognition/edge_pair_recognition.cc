@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "videogrammetry/recognition/dot_look.h"
+#include "videogrammetry/recognition/median.h"
 #include "videogrammetry/recognition/model_pool.h"
 #include "videogrammetry/recognition/place_index.h"
 
@@ -38,6 +39,8 @@ constexpr double kFlareTails = 3.0;
 constexpr double kMoreReachPx = 2.0;
 /// What the local Canny may look at beyond an ellipse.
 constexpr double kUnclearReachPx = 10.0;
+/// Part of the contrast at which a dot with a gleam is cut out anew.
+constexpr double kLowLevel = 0.2;
 /// How much larger a dot may be than the gleam on it, in radii of that.
 constexpr double kMostGleam = 2.0;
 
@@ -87,9 +90,7 @@ std::vector<int> FromTheLargest(const std::vector<DotRegion>& regions) {
 double TextureOf(const std::vector<ModelFit>& fits) {
   std::vector<double> variances;
   for (const ModelFit& fit : fits) variances.push_back(fit.inside_variance.value_or(fit.variance));
-  const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
-  std::nth_element(variances.begin(), middle, variances.end());
-  return std::sqrt(*middle);
+  return std::sqrt(Median(std::move(variances)));
 }
 
 /// Takes noise back to what the picture's ground may have: the search's threshold is at
@@ -114,22 +115,22 @@ void LimitNoise(const std::vector<ModelFit>& fits, int gradient_threshold, GreyN
 
 /// The flare that dots have in common beyond chance, or 0. The median of a gradient's
 /// square is 2 ln 2 times the variance of a coordinate.
-double PoolFlare(std::vector<FlareSample> flares) {
+double PoolFlare(const std::vector<FlareSample>& flares) {
   // Twelve dots' squares over their variances scatter by 0.29 about 1; one dot's glare is
   // not the picture's.
   constexpr double kSignificant = 2.0, kMostSquares = 8.0;
   if (flares.empty()) return 0.0;
   double sum = 0.0, noise = 0.0;
+  std::vector<double> squares;
   for (const FlareSample& flare : flares) {
     sum += std::min(kMostSquares, 0.5 * flare.square / flare.noise);
     noise += flare.noise;
+    squares.push_back(flare.square);
   }
   const auto count = static_cast<double>(flares.size());
   if (sum < kSignificant * count) return 0.0;
-  const auto middle = flares.begin() + static_cast<std::ptrdiff_t>(flares.size() / 2);
-  std::nth_element(flares.begin(), middle, flares.end(),
-                   [](const FlareSample& a, const FlareSample& b) { return a.square < b.square; });
-  return std::sqrt(std::max(0.0, middle->square / (2.0 * std::numbers::ln2) - noise / count));
+  const double square = Median(std::move(squares));
+  return std::sqrt(std::max(0.0, square / (2.0 * std::numbers::ln2) - noise / count));
 }
 
 /// A window's samples as a picture of its own, so that every depth's are the same.
@@ -182,19 +183,27 @@ class WindowPicture {
   SignedImage<std::uint16_t> image_;
 };
 
-/// Whether the area around a candidate's middle is closed at its level and an ellipse's, as
-/// in the local Canny's search: what something covers in part is not.
-bool IsEllipseAtLevel(const SignedImage<std::uint16_t>& image, const Candidate& candidate) {
-  const int level = static_cast<int>(std::ceil(candidate.level));
-  int x = static_cast<int>(std::lround(candidate.ellipse.x_px));
-  const int y = static_cast<int>(std::lround(candidate.ellipse.y_px));
-  if (x < 1 || y < 1 || x + 1 >= image.width() || y + 1 >= image.height()) return false;
-  if (image(x, y) < level) return false;
+/// Moments of the area at or above a level around a dot's middle.
+/// @return nullopt if there is none, or it is ragged or leaves the picture.
+std::optional<ContourMoments> AreaAt(const SignedImage<std::uint16_t>& image, const Ellipse& dot,
+                                     double grey_level) {
+  const int level = static_cast<int>(std::ceil(grey_level));
+  int x = static_cast<int>(std::lround(dot.x_px));
+  const int y = static_cast<int>(std::lround(dot.y_px));
+  if (x < 1 || y < 1 || x + 1 >= image.width() || y + 1 >= image.height()) return std::nullopt;
+  if (image(x, y) < level) return std::nullopt;
   while (x > 0 && image(x - 1, y) >= level) --x;
-  if (x == 0) return false;
+  if (x == 0) return std::nullopt;
   ContourFollower<std::uint16_t> contour(image, std::max(image.width(), image.height()));
-  if (contour.Follow(x, y, level) != ContourEnd::kClosed) return false;
-  return IsLikeEllipse(contour.Moments());
+  if (contour.Follow(x, y, level) != ContourEnd::kClosed) return std::nullopt;
+  return contour.Moments();
+}
+
+/// Whether a dot's place is known so badly, in its radii, that sectors may be missed.
+bool IsVague(const TargetEdge& dot) {
+  constexpr double kVague = 0.01;
+  const double most = kVague * dot.ellipse.semi_minor_px;
+  return std::max(dot.cov(0, 0), dot.cov(1, 1)) > most * most;
 }
 
 }  // namespace
@@ -271,16 +280,9 @@ std::optional<PictureModel> EdgePairRecognition::LearnFrom(const std::vector<Dot
   }
   picture->gradient = PoolGradient(fits);
   LimitNoise(fits, gradient_threshold_, &picture->noise);
-  const double flare = PoolFlare(std::move(flares));
+  const double flare = PoolFlare(flares);
   if (kFlareLever * picture->blur_px * flare > kFlarePx) picture->flare = kFlareTails * flare;
   return picture;
-}
-
-/// Whether a dot's place is known so badly, in its radii, that sectors may be missed.
-bool IsVague(const TargetEdge& dot) {
-  constexpr double kVague = 0.01;
-  const double most = kVague * dot.ellipse.semi_minor_px;
-  return std::max(dot.cov(0, 0), dot.cov(1, 1)) > most * most;
 }
 
 bool EdgePairRecognition::HasSize(const Ellipse& e) const {
@@ -315,7 +317,9 @@ std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureByLocal
   candidate.ellipse = local.Inwards(dot.frame.ToEllipse());
   candidate.inside = static_cast<float>(dot.inside);
   candidate.level = static_cast<float>(0.5 * (dot.inside + dot.outside));
-  if (!IsEllipseAtLevel(local.image(), candidate)) return std::nullopt;
+  // As in the local Canny's search: what something covers in part is no ellipse.
+  const auto area = AreaAt(local.image(), candidate.ellipse, candidate.level);
+  if (!area || !IsLikeEllipse(*area)) return std::nullopt;
   auto edge = MeasureTargetEdge(local.image(), candidate, options_);
   if (!edge) return std::nullopt;
   edge->ellipse = local.Outwards(edge->ellipse);
@@ -326,15 +330,30 @@ std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureByLocal
   return measured;
 }
 
+/// Cuts a dot out anew, at a fifth of the contrast: a gleam on a part of it makes the rest
+/// darker than half-way.
+std::optional<DotStart> EdgePairRecognition::CutOutLow(const DotStart& dot) {
+  const double more = kMostGleam * std::sqrt(dot.frame.shape.determinant()) + kUnclearReachPx;
+  const GreyWindow window = WindowOf(dot.frame, more);
+  const WindowPicture local(window, reader_.sign());
+  const double level = dot.outside + kLowLevel * (dot.inside - dot.outside);
+  const auto area = AreaAt(local.image(), local.Inwards(dot.frame.ToEllipse()), level);
+  const auto shape = area ? ShapeOfMoments(area->var_xx, area->var_xy, area->var_yy) : std::nullopt;
+  if (!shape) return std::nullopt;
+  const Eigen::Vector2d center(area->mean_x + window.x0, area->mean_y + window.y0);
+  DotStart low = {{center, *shape}, dot.inside, dot.outside};
+  Resize(level, UsualBlur(), &low);
+  if (!MeasureGrey(window, &low)) return std::nullopt;
+  return low;
+}
+
 std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureUnclearAt(
     const Start& start) {
   if (auto edge = MeasureByLocalCanny(start.dot)) return edge;
   // What lies beyond a narrow rim draws the moments aside,
   if (auto edge = MeasureByLocalCanny(start.cut_out)) return edge;
   // and a gleam hides the rest of its dot.
-  const double more =
-      kMostGleam * std::sqrt(start.cut_out.frame.shape.determinant()) + kUnclearReachPx;
-  const auto low = CutOutLow(WindowOf(start.cut_out.frame, more), start.cut_out, UsualBlur());
+  const auto low = CutOutLow(start.cut_out);
   return low ? MeasureByLocalCanny(*low) : std::nullopt;
 }
 

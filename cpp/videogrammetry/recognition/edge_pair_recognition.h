@@ -68,6 +68,7 @@ class EdgePairRecognition {
                                         const std::vector<int>& order);
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
   std::optional<CannyDot> MeasureByLocalCanny(const DotStart& dot);
+  std::optional<DotStart> CutOutLow(const DotStart& dot);
   std::optional<CannyDot> MeasureUnclearAt(const Start& start);
   double UsualBlur() const { return picture_ ? picture_->blur_px : DotFitter::kUsualBlurPx; }
   void MeasureUnclear();

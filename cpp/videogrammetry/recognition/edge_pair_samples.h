@@ -21,29 +21,6 @@ struct SampleRows {
   void Read(int x, int y, int count, std::uint16_t* out) const {
     kernels->samples(row(y), width, x, count, flip, out);
   }
-  int At(int x, int y) const {
-    const std::uint8_t* r = row(y);
-    int value = 0;
-    if (storage == kBytes) {
-      value = r[x];
-    } else if (storage == kWords) {
-      value = reinterpret_cast<const std::uint16_t*>(r)[x];
-    } else {
-      const std::uint8_t* b = r + x / 2 * 3;
-      const bool high = storage == kPackedHighFirst;
-      if (x % 2 == 0) {
-        value = high ? (b[0] << 4) | (b[1] >> 4) : b[0] | ((b[1] & 15) << 8);
-      } else {
-        value = high ? ((b[1] & 15) << 8) | b[2] : (b[1] >> 4) | (b[2] << 4);
-      }
-    }
-    return value ^ flip;
-  }
-  /// One word for each of `num_rows` rows, `step` apart: see Kernels::levels. x is even.
-  void Mask(int x, int y, int step, int num_rows, int level, std::uint64_t* out) const {
-    kernels->levels(row(y), step * stride_bytes, num_rows, x, width, flip ? 65535 - level : level,
-                    flip != 0, out);
-  }
 
   const std::uint8_t* data = nullptr;
   std::ptrdiff_t stride_bytes = 0;

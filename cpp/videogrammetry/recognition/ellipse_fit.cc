@@ -175,4 +175,12 @@ Eigen::Matrix<double, 5, 5> EllipseFrame::EllipseJacobian() const {
   return jacobian;
 }
 
+void BoundDirection(Eigen::Matrix<double, 5, 5>* cov) {
+  const double most = std::numbers::pi / std::sqrt(12.0);
+  const double sigma = std::sqrt((*cov)(4, 4));
+  if (sigma <= most) return;
+  cov->row(4) *= most / sigma;
+  cov->col(4) *= most / sigma;
+}
+
 }  // namespace videogrammetry

@@ -57,4 +57,8 @@ struct EllipseFrame {
   Eigen::Matrix<double, 5, 5> EllipseJacobian() const;
 };
 
+/// Takes the direction's sigma of a covariance of (x, y, a, b, angle) back to what it is
+/// where nothing is known of it, pi / sqrt(12).
+void BoundDirection(Eigen::Matrix<double, 5, 5>* cov);
+
 }  // namespace videogrammetry

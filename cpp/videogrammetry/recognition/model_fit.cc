@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "videogrammetry/recognition/ellipse_fit.h"
+#include "videogrammetry/recognition/median.h"
 
 namespace videogrammetry {
 namespace {
@@ -38,12 +39,6 @@ constexpr double kGroundRise = 0.1, kBandPx = 0.5;
 /// A fit that leaves the start by more than this has found something else.
 constexpr double kMostMovedPx = 0.3, kMostResizedPx = 0.6;
 constexpr double kLeastBlurPx = 0.3, kMostBlurPx = 3.0;
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// The point of the ellipse nearest to p, as u: |u| = 1.
 Eigen::Vector2d NearestOn(const EllipseFrame& frame, const Eigen::Matrix2d& inverse,
@@ -357,13 +352,7 @@ std::optional<ModelFit> Fit::Result() const {
   const double lever = 0.5 * curved_ * fit.blur_px * std::sqrt(2.0 * std::numbers::pi) / contrast;
   fit.cov(0, 0) += 2.0 * lever * lever;
   fit.cov(1, 1) += 2.0 * lever * lever;
-  // A direction is never known worse than not at all.
-  const double most = std::numbers::pi / std::sqrt(12.0);
-  const double sigma = std::sqrt(fit.cov(4, 4));
-  if (sigma > most) {
-    fit.cov.row(4) *= most / sigma;
-    fit.cov.col(4) *= most / sigma;
-  }
+  BoundDirection(&fit.cov);
   return fit;
 }
 

@@ -4,18 +4,14 @@
 #include <cmath>
 #include <cstdint>
 
+#include "videogrammetry/recognition/median.h"
+
 namespace videogrammetry {
 namespace {
 
 /// Standard deviation of the logarithm of a picture's gradient over the usual
 /// one, and what the gradient is at least.
 constexpr double kGradientSpread = 1.0, kLeastGradient = 0.001;
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 TargetEdge Updated(TargetEdge edge, const ModelFit& fit) {
   edge.ellipse = fit.ellipse;

@@ -11,6 +11,7 @@
 #include "videogrammetry/recognition/edge_profile.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/local_canny.h"
+#include "videogrammetry/recognition/median.h"
 
 namespace videogrammetry {
 namespace {
@@ -27,12 +28,6 @@ constexpr double kCorrelationPx = 1.5;
 constexpr double kMostUneven = 0.15;
 constexpr double kBandPx = 2.5;
 constexpr int kMaxIterations = 4;
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// A look at sixteen places before any work is done: a dot is brighter inside
 /// than outside all around.
@@ -291,13 +286,7 @@ TargetEdge Summarise(const Refinement& r, const Ellipse& e, const ResidualSum& s
   edge.cov(0, 0) += r.shift_variance_px2;
   edge.cov(1, 1) += r.shift_variance_px2;
   edge.cov.block<2, 2>(2, 2).array() += r.size_variance_px2;
-  // A direction is never known worse than not at all.
-  const double most = std::numbers::pi / std::sqrt(12.0);
-  const double sigma = std::sqrt(edge.cov(4, 4));
-  if (sigma > most) {
-    edge.cov.row(4) *= most / sigma;
-    edge.cov.col(4) *= most / sigma;
-  }
+  BoundDirection(&edge.cov);
   return edge;
 }
 

@@ -153,20 +153,18 @@ TEST(DotLookTest, FlareIsSeenAndCleanDotsHaveNone) {
   }
 }
 
-TEST(DotLookTest, AGleamingDotIsCutOutWhole) {
+TEST(EdgePairRecognitionTest, AGleamingDotIsMeasuredWhole) {
   const std::vector<Drawn> dots = {{{100.3, 90.6, 7.0, 6.5, 0.3}, {}, 0.0}};
   const std::vector<Drawn> gleam = {{{102.8, 90.6, 3.5, 3.0, 0.0}, {}, 0.0}};
   const auto dot = Coverage(dots), shine = Coverage(gleam);
   const auto picture =
       Paint([&](std::size_t i, int, int) { return kDark + 900.0 * dot[i] + 1800.0 * shine[i]; });
-  WindowReader reader(picture.view(), 1);
-  const DotStart start = {EllipseFrame::From(gleam[0].ellipse), kBright, kDark};
-  const auto low = CutOutLow(reader.Read(80, 70, 120, 110), start, 0.76);
-  ASSERT_TRUE(low);
-  // A fifth of the gleam's contrast is over half of the dot's: pixels, not parts of them.
-  EXPECT_NEAR(low->frame.center.x(), 100.3, 0.5);
-  EXPECT_NEAR(low->frame.center.y(), 90.6, 0.5);
-  EXPECT_NEAR(std::sqrt(low->frame.shape.determinant()), std::sqrt(7.0 * 6.5), 1.0);
+  const auto targets = RecognizeIn(picture, Polarity::kWhiteOnBlack);
+  ASSERT_EQ(targets.size(), 1u);
+  // The gleam's own edge is over the dot's: a few tenths of a pixel, not the gleam's 2.5.
+  EXPECT_NEAR(targets[0].edge.ellipse.x_px, 100.3, 0.5);
+  EXPECT_NEAR(targets[0].edge.ellipse.y_px, 90.6, 0.5);
+  EXPECT_NEAR(targets[0].edge.ellipse.semi_major_px, 7.0, 1.0);
 }
 
 }  // namespace

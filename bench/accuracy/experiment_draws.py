@@ -51,6 +51,7 @@ HALF_VOLUME_MM = (1500.0, 1000.0, 1500.0)  # x, y (depth), z (height) about the 
 PAIRS = {"1-2": (0, 0), "3-4": (1, 1), "across": (0, 1)}  # pair of cameras of either end
 PLACES = (*PAIRS, "point")
 BORDER_PX = 4.0
+MILD_NAMES = ("f", "x0", "y0", "A1", "B1", "B2")
 METHODS = {
     "joint": (None, "joint"),
     "joint, ten fixed free": (INTERIOR_NAMES, "joint"),
@@ -60,12 +61,22 @@ METHODS = {
 
 @dataclass(frozen=True)
 class Setup:
-    """Noise of an experiment and how many bars of a kind measure it."""
+    """Noise of an experiment, its lens and how many bars of a kind measure it.
+
+    ``lens``: "table1" has all ten parameters; "mild" has f, x0, y0, A1 and a tenth of
+    B1, B2, which other programs' models hold too.
+    """
 
     orientations: int
     noise_px: float = 0.008
     target_mm: float = 0.1
     bars: int = 60
+    lens: str = "table1"
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """The parameters that the lens has."""
+        return INTERIOR_NAMES if self.lens == "table1" else MILD_NAMES
 
 
 @dataclass(frozen=True)
@@ -97,10 +108,20 @@ def inside(rig, pixels):
     return np.isfinite(pixels).all(axis=-1) & there.all(axis=-1)
 
 
+def with_lens(rig, lens):
+    """The rig with Table 1's lenses or the mild ones."""
+    if lens == "table1":
+        return rig
+    keep = np.array([name in MILD_NAMES for name in INTERIOR_NAMES], dtype=float)
+    keep[[INTERIOR_NAMES.index("B1"), INTERIOR_NAMES.index("B2")]] = 0.1
+    cameras = {n: replace(c, interior=c.interior * keep) for n, c in rig.cameras.items()}
+    return replace(rig, cameras=cameras)
+
+
 @cache
 def experiment(setup: Setup) -> Experiment:
     scene = calibration_scene(code_family("schneider-14"), num_orientations=setup.orientations)
-    rig = scene.rig
+    rig = with_lens(scene.rig, setup.lens)
     target = cross_target(code_family("schneider-14")).points()
     places, pixels, seen, poses = [], [], [], []
     centres = np.array([c.centre_mm for c in rig.cameras.values()])
@@ -144,10 +165,10 @@ def draw_bars(rig, count):
 
 
 def network_at_truth(e: Experiment, setup: Setup, pixels, position_mm):
-    """The joint adjustment with all ten parameters free, standing at the true values."""
+    """The joint adjustment with all of the lens' parameters free, standing at the true values."""
     network, poses = Network(), []
     for k, (name, camera) in enumerate(e.rig.cameras.items()):
-        network.add_camera(name, camera, free=INTERIOR_NAMES)
+        network.add_camera(name, camera, free=setup.free)
         poses.append(network.add_pose(name, camera.rotation, camera.translation_mm, free=k > 0))
     images, points, measured = [], [], []
     for s, pose in enumerate(e.poses):
@@ -192,7 +213,7 @@ def with_volume(rig: RigData, e: Experiment) -> RigData:
 
 
 def least_squares_from_truth(e: Experiment, setup: Setup, pixels, position_mm) -> RigData:
-    """What attains the bound: true start, true weights, all ten free, nothing rejected."""
+    """What attains the bound: true start, true weights, all of the lens free, nothing rejected."""
     network, poses = network_at_truth(e, setup, pixels, position_mm)
     network.adjust(
         AdjustOptions(critical_value=0, estimate_floor=False, robust_start=False, num_threads=1)

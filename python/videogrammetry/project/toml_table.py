@@ -118,15 +118,38 @@ class TomlTable:
             raise self.error(key, f"= {value} is wrong: expected {what}, positive numbers")
         return tuple(value)
 
-    def vector(self, key: str, count: int, default: Any = _NEEDED, *, what: str) -> Any:
-        """A list of ``count`` finite numbers of any sign, not all zero."""
+    def number_or_bool(self, key: str, default: Any = _NEEDED) -> Any:
+        """A finite number as float, or true or false."""
+        value = self._take(key, default, (int, float, bool), "a number, true or false")
+        return value if isinstance(value, bool) or value is default else self.number(key)
+
+    def value(self, key: str, kinds: tuple[type, ...], what: str) -> Any:
+        """Whatever stands there, of these types, for the caller to check; None: nothing."""
+        return self._take(key, None, kinds, what)
+
+    def names_or_numbers(self, key: str, default: Any = _NEEDED) -> Any:
+        """A list of texts and whole numbers, as texts."""
+        value = self._take(key, default, (list,), "a list of names")
+        if value is default:
+            return value
+        for item in value:
+            if isinstance(item, bool) or not isinstance(item, str | int) or item == "":
+                raise self.error(key, f"has {item!r}: expected names or whole numbers")
+        return tuple(str(item) for item in value)
+
+    def vector(
+        self, key: str, count: int, default: Any = _NEEDED, *, what: str, zero: bool = False
+    ) -> Any:
+        """A list of ``count`` finite numbers of any sign, not all zero unless ``zero``."""
         value = self._take(key, default, (list,), what)
         if value is default:
             return value
         good = [v for v in value if isinstance(v, int | float) and not isinstance(v, bool)]
         finite = all(math.isfinite(v) for v in good)
-        if len(value) != count or len(good) != count or not finite or not any(good):
-            raise self.error(key, f"= {value} is wrong: expected {what}, not all zero")
+        whole = len(value) == count == len(good) and finite
+        if not whole or not (zero or any(good)):
+            nonzero = "" if zero else ", not all zero"
+            raise self.error(key, f"= {value} is wrong: expected {what}{nonzero}")
         return tuple(float(v) for v in value)
 
     def integers(self, key: str, default: Any = _NEEDED, *, what: str, count: int = 0) -> Any:

@@ -9,6 +9,9 @@
 namespace videogrammetry {
 namespace {
 
+/// Of the threshold: residuals under this are lens distortion and noise, not a wrong f.
+constexpr double kGoodShare = 0.1;
+
 struct Trial {
   double f_px = 0.0;
   double cost_px2 = HUGE_VAL;  // mean over the pictures
@@ -68,10 +71,10 @@ Trial Follow(const Camera& camera, const std::vector<ResectionView>& views, cons
   return trial;
 }
 
-std::vector<double> Grid(const Camera& camera, const std::vector<ResectionView>& views) {
+/// What single pictures of thick targets (DLT) and several of flat ones (Zhang) tell of f.
+std::vector<double> DirectSolutions(const Camera& camera, const std::vector<ResectionView>& views) {
   const double side = std::max(camera.width_px, camera.height_px);
-  std::vector<double> grid;
-  for (double ratio = 0.4; ratio < 41.0; ratio *= 1.6) grid.push_back(ratio * side);
+  std::vector<double> found;
   std::vector<Eigen::Matrix3d> homographies;
   for (const ResectionView& view : views) {
     Eigen::Matrix3d axes;
@@ -80,7 +83,7 @@ std::vector<double> Grid(const Camera& camera, const std::vector<ResectionView>&
       try {
         const DltResult dlt = DirectLinearTransform(view.points_mm, view.pixels);
         const double f = std::sqrt(dlt.calibration(0, 0) * dlt.calibration(1, 1));
-        if (f > 0.2 * side && f < 100 * side) grid.push_back(f);
+        if (f > 0.2 * side && f < 100 * side) found.push_back(f);
       } catch (const AdjustmentError&) {
         // A start value among others: the grid does without it.
       }
@@ -91,7 +94,17 @@ std::vector<double> Grid(const Camera& camera, const std::vector<ResectionView>&
     }
   }
   const auto f = FocalFromHomographies(homographies);
-  if (f && *f > 0.2 * side && *f < 100 * side) grid.push_back(*f);
+  if (f && *f > 0.2 * side && *f < 100 * side) found.push_back(*f);
+  // The middle one first: it is most likely to be right.
+  std::sort(found.begin(), found.end());
+  if (!found.empty()) std::swap(found.front(), found[found.size() / 2]);
+  return found;
+}
+
+std::vector<double> Grid(const Camera& camera) {
+  const double side = std::max(camera.width_px, camera.height_px);
+  std::vector<double> grid;
+  for (double ratio = 0.4; ratio < 41.0; ratio *= 1.6) grid.push_back(ratio * side);
   return grid;
 }
 
@@ -106,7 +119,8 @@ Trial GoldenSection(const Camera& camera, const std::vector<ResectionView>& view
   };
   double a = high - kGolden * (high - low), b = low + kGolden * (high - low);
   double cost_a = at(a), cost_b = at(b);
-  while (high - low > 0.002) {
+  // The bundle that follows needs no better start than half a per cent.
+  while (high - low > 0.005) {
     if (cost_a < cost_b) {
       high = b;
       b = a;
@@ -128,11 +142,18 @@ Trial GoldenSection(const Camera& camera, const std::vector<ResectionView>& view
 
 FocalSearchResult SearchFocal(const Camera& camera, const std::vector<ResectionView>& views,
                               double threshold_px) {
+  // What fits this well needs no further search.
+  const double good = kGoodShare * kGoodShare * threshold_px * threshold_px;
   Trial best;
-  for (const double f : Grid(camera, views)) {
-    Trial trial = ResectAll(camera, views, f, threshold_px);
-    if (trial.cost_px2 < best.cost_px2) best = std::move(trial);
-  }
+  const auto try_all = [&](const std::vector<double>& focal_lengths) {
+    for (const double f : focal_lengths) {
+      if (best.cost_px2 < good) return;
+      Trial trial = ResectAll(camera, views, f, threshold_px);
+      if (trial.cost_px2 < best.cost_px2) best = std::move(trial);
+    }
+  };
+  try_all(DirectSolutions(camera, views));
+  try_all(Grid(camera));
   if (std::none_of(best.has_pose.begin(), best.has_pose.end(), [](bool has) { return has; })) {
     throw AdjustmentError("no pose of any picture fits its points at any principal distance");
   }

@@ -22,10 +22,10 @@ struct FocalSearchResult {
 
 /// Principal distance of a camera without start values.
 ///
-/// On a grid of f from 0.4 to 40 times the picture's larger side (and at what
-/// DLT and Zhang's conditions give, where they give something), every picture
-/// is resected and the pooled robust residual judged; the best f is refined by
-/// golden section with all poses refined along. Distortion is taken from
+/// At what DLT and Zhang's conditions give, where they give something, and, unless one of
+/// these leaves less than a tenth of the threshold, on a grid from 0.4 to 40 times the
+/// picture's larger side, every picture is resected and the pooled robust residual judged;
+/// the best f is refined by golden section with all poses refined along. Distortion is taken from
 /// `camera` as it stands; `camera`'s f is ignored.
 ///
 /// @throws AdjustmentError if no picture can be resected at any f.

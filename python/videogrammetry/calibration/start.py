@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.adjustment import (
     AdjustOptions,
@@ -18,7 +19,7 @@ from videogrammetry.adjustment import (
 from videogrammetry.calibration.pictures import MIN_POINTS, Picture
 from videogrammetry.calibration.run import CameraFrames, Rejection, check_free
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import camera_model, default_r0_px
+from videogrammetry.geometry import camera_model, default_r0_px, project
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet, RigCamera
 
 #: Pictures that the search for f looks at: enough to vote down a bad one.
@@ -278,7 +279,10 @@ def _refine(
     target: PointSet,
     free: Sequence[str],
 ) -> RigCamera:
-    """The interior after a robust bundle of this camera alone, target fixed, poses free."""
+    """The interior after a bundle of this camera alone, target fixed, poses free.
+
+    Points that a pose leaves far from where its others are take no part.
+    """
     network = Network()
     camera = network.add_camera("camera", model, free=free)
     image, point, xy, cov = [], [], [], []
@@ -286,20 +290,38 @@ def _refine(
         if picture.stage not in poses:
             continue
         best = poses[picture.stage][0]
+        near = _near(model, best, picture, target)
+        if near.sum() < MIN_POINTS:
+            continue
         pose = network.add_pose(picture.image, best.rotation, best.translation_mm)
         index = network.add_image(picture.image, camera, inner=pose)
-        image.append(np.full(len(picture), index))
-        point.append(picture.point)
-        xy.append(picture.xy_px)
-        cov.append(picture.cov_px2)
+        image.append(np.full(int(near.sum()), index))
+        point.append(picture.point[near])
+        xy.append(picture.xy_px[near])
+        cov.append(picture.cov_px2[near])
     if not image or not free:
         return model
     network.set_points(target.id, target.position_mm)
     network.set_observations(*(np.concatenate(part) for part in (image, point, xy, cov)))
     try:
-        network.adjust(AdjustOptions(critical_value=0.0, max_rounds=2))
+        network.adjust(
+            AdjustOptions(
+                critical_value=0.0, estimate_floor=False, robust_start=False, max_rounds=1
+            )
+        )
     except CalibrationError:
         return model  # what cannot be told here may be in the joint adjustment
     interior = network.interior(camera)
     plausible = 0.2 < interior[0] / model.interior[0] < 5.0
     return _with_interior(model, interior) if plausible else model
+
+
+def _near(
+    model: RigCamera, pose: PoseCandidate, picture: Picture, target: PointSet
+) -> npt.NDArray[np.bool_]:
+    """(n,) which of a picture's points lie within a few times the median distance."""
+    in_cam = target.position_mm[picture.point] @ pose.rotation.T + pose.translation_mm
+    away = np.linalg.norm(project(model, in_cam) - picture.xy_px, axis=1)
+    away = np.nan_to_num(away, nan=np.inf)
+    near: npt.NDArray[np.bool_] = away <= 5.0 * max(float(np.median(away)), 0.1)
+    return near

@@ -1,12 +1,15 @@
 """Photogrammetric adjustment: start values, bundle, covariance, data snooping."""
 
 from videogrammetry.adjustment.network import (
+    CAMERA_UNKNOWNS,
     Adjustment,
     AdjustOptions,
     CameraVariance,
     Dispersion,
     DroppedParameter,
     Network,
+    PointPriorStatistics,
+    ScaleBarStatistics,
 )
 from videogrammetry.adjustment.start import (
     Dlt,
@@ -18,6 +21,7 @@ from videogrammetry.adjustment.start import (
 )
 
 __all__ = [
+    "CAMERA_UNKNOWNS",
     "AdjustOptions",
     "Adjustment",
     "CameraVariance",
@@ -25,7 +29,9 @@ __all__ = [
     "Dlt",
     "DroppedParameter",
     "Network",
+    "PointPriorStatistics",
     "PoseCandidate",
+    "ScaleBarStatistics",
     "direct_linear_transform",
     "principal_extents",
     "resect",

@@ -11,11 +11,15 @@ from videogrammetry.adjustment.network import (
     PointPriorStatistics,
     ScaleBarStatistics,
 )
+from videogrammetry.adjustment.robust import robust_bundle
 from videogrammetry.adjustment.start import (
     Dlt,
     PoseCandidate,
+    RelativeCandidate,
+    RelativeOrientation,
     direct_linear_transform,
     principal_extents,
+    relative_orientation,
     resect,
     search_focal,
 )
@@ -31,9 +35,13 @@ __all__ = [
     "Network",
     "PointPriorStatistics",
     "PoseCandidate",
+    "RelativeCandidate",
+    "RelativeOrientation",
     "ScaleBarStatistics",
     "direct_linear_transform",
     "principal_extents",
+    "relative_orientation",
     "resect",
+    "robust_bundle",
     "search_focal",
 ]

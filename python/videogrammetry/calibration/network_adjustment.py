@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,9 +21,11 @@ from videogrammetry.calibration.network_build import (
     offered_names,
 )
 from videogrammetry.calibration.network_check import check_network
-from videogrammetry.calibration.network_input import NetworkInput
+from videogrammetry.calibration.network_frame_start import on_start_values
+from videogrammetry.calibration.network_input import NetworkCamera, NetworkInput
 from videogrammetry.calibration.network_outcome import network_outcome
 from videogrammetry.calibration.network_result import (
+    BoolArray,
     NetworkAdjustment,
     NetworkOptions,
     NetworkRejection,
@@ -35,7 +38,6 @@ from videogrammetry.calibration.network_weights import (
     with_covariances,
 )
 from videogrammetry.errors import CalibrationError
-
 
 #: Weights by the lens settle at once: their change is of the second order.
 MAX_WEIGHTINGS = 3
@@ -89,7 +91,7 @@ def adjust_network(
     started, bad_bars, remarks = check_bars(started)
     rejected += bad_bars
     warnings += remarks
-    solved = _solve(started, options)
+    solved = _solve(started, network.cameras, options)
     _check(solved)
     warnings += solved.built.warnings
     warnings += doubts(
@@ -108,11 +110,15 @@ def _started(
     network: NetworkInput, rejected: list[NetworkRejection], warnings: list[str]
 ) -> NetworkInput:
     """The network with start values; what found none is left out."""
-    started = start_network(network)
-    posed = np.array([i.rotation is not None for i in started.images])
-    placed = np.isfinite(started.points.position_mm).all(axis=1)
+    start = start_network(network, partial=True)
+    started = on_start_values(start.network, network)
+    # What start values say about scale holds only where the table gives no coordinates.
+    warnings += [d for d in start.report.doubts if not d.startswith("the scale is unknown")]
+    reasons = dict(start.report.left_out)
+    placed = np.asarray(np.isfinite(started.points.position_mm).all(axis=1))
+    posed = np.array([i.rotation is not None for i in started.images], bool)
     seen = started.observations
-    good = posed[seen.image] & placed[seen.point]
+    good = np.asarray(posed[seen.image] & placed[seen.point], bool)
     if good.all():
         return started
     lost = [started.images[i].name for i in np.flatnonzero(~posed)]
@@ -122,44 +128,39 @@ def _started(
             "they share too few points with the others, or their points are named wrongly"
         )
     for name in lost:
-        rejected.append(
-            NetworkRejection(
-                kind="image",
-                value=0.0,
-                test="start",
-                image=name,
-                point="",
-                reason="no orientation was found that fits the other pictures",
-            )
-        )
+        reason = reasons.get(name, "in a group of pictures that nothing ties to the largest")
+        rejected.append(_left_out("image", name, "", reason))
     for i in np.flatnonzero(~placed):
-        rejected.append(
-            NetworkRejection(
-                kind="point",
-                value=0.0,
-                test="start",
-                image="",
-                point=started.points.name[i],
-                reason="no position was found: its rays do not meet, or are parallel",
-            )
-        )
-    remaining = replace(
-        started,
-        observations=replace(
-            seen,
-            image=seen.image[good],
-            point=seen.point[good],
-            xy_px=seen.xy_px[good],
-            cov_px2=seen.cov_px2[good],
-        ),
-    )
-    again = check_network(remaining)
+        reason = "no position was found: its rays do not meet, or are parallel"
+        rejected.append(_left_out("point", "", started.points.name[i], reason))
+    again = check_network(_at(started, good))
     rejected += again.rejected
     warnings += again.warnings
     return again.network
 
 
-def _solve(tables: NetworkInput, options: NetworkOptions) -> Solved:
+def _left_out(kind: str, image: str, point: str, reason: str) -> NetworkRejection:
+    return NetworkRejection(
+        kind=kind, value=0.0, test="start", image=image, point=point, reason=reason
+    )
+
+
+def _at(network: NetworkInput, rows: BoolArray) -> NetworkInput:
+    """The network of some of its observations."""
+    seen = network.observations
+    return replace(
+        network,
+        observations=replace(
+            seen,
+            image=seen.image[rows],
+            point=seen.point[rows],
+            xy_px=seen.xy_px[rows],
+            cov_px2=seen.cov_px2[rows],
+        ),
+    )
+
+
+def _solve(tables: NetworkInput, given: Sequence[NetworkCamera], options: NetworkOptions) -> Solved:
     """The adjustment, its tests made with a noise that the residuals confirm."""
     offered = offered_names(tables)
     adjust = AdjustOptions(
@@ -170,7 +171,7 @@ def _solve(tables: NetworkInput, options: NetworkOptions) -> Solved:
         num_threads=options.num_threads,
         baarda=False,
     )
-    built = build_network(tables, eccentricity=options.eccentricity)
+    built = build_network(tables, given, eccentricity=options.eccentricity)
     network = built.network
     adjustment = network.adjust(adjust, offered)
     weighted = tables
@@ -211,7 +212,7 @@ def _check(solved: Solved) -> None:
                 "alike in all pictures, and is image_size_px right?"
             )
     for dropped in adjustment.dropped:
-        camera = tables.cameras[dropped.camera]
+        camera = solved.built.given[dropped.camera]
         if dropped.undetermined and dropped.name == "f" and not np.isfinite(camera.interior[0]):
             raise CalibrationError(
                 f"camera {camera.name}: the pictures do not determine f; give f_px, or tilt the "

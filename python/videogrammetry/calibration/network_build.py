@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +15,14 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera
 
 @dataclass(frozen=True, kw_only=True)
 class Built:
-    """The network of the tables; ``poses``: its pose of each picture."""
+    """The network of the tables.
+
+    ``poses``: its pose of each picture; ``given``: the cameras as the user gave them,
+    whose values hold what is not estimated, and from which significance counts.
+    """
 
     network: Network
+    given: tuple[NetworkCamera, ...]
     poses: tuple[int, ...]
     warnings: tuple[str, ...]
 
@@ -34,10 +40,19 @@ def offered_names(network: NetworkInput) -> list[tuple[str, ...]]:
     ]
 
 
-def build_network(tables: NetworkInput, *, eccentricity: bool) -> Built:
+def start_values(given: NetworkCamera, found: NetworkCamera) -> FloatArray:
+    """(12,) what is held or observed: as given, an unknown f as found."""
+    values = np.append(given.interior, [given.aspect, 0.0])
+    values[0] = values[0] if np.isfinite(values[0]) else found.interior[0]
+    return values
+
+
+def build_network(
+    tables: NetworkInput, given: Sequence[NetworkCamera], *, eccentricity: bool
+) -> Built:
     """The adjustment's network: a pose a picture, points by kind, bars, circles, datum."""
     network = Network()
-    for camera in tables.cameras:
+    for camera, original in zip(tables.cameras, given, strict=True):
         network.add_camera(
             camera.name,
             RigCamera(
@@ -50,10 +65,13 @@ def build_network(tables: NetworkInput, *, eccentricity: bool) -> Built:
             ),
             free=free_names(camera),
             prior_sigma=dict(camera.sigma),
+            start=start_values(original, camera),
             aspect=camera.aspect,
         )
     poses = []
     for image in tables.images:
+        if image.rotation is None or image.translation_mm is None:
+            raise ValueError(f"images: picture {image.name} has no start pose")
         pose = network.add_pose(image.name, image.rotation, image.translation_mm)
         network.add_image(image.name, image.camera, inner=pose)
         poses.append(pose)
@@ -61,6 +79,8 @@ def build_network(tables: NetworkInput, *, eccentricity: bool) -> Built:
     weighted = points.kind == "weighted"
     cov = None
     if weighted.any():
+        if points.cov_mm2 is None:
+            raise ValueError("points.cov_mm2: expected covariances of the weighted points")
         cov = np.tile(np.eye(3), (len(points), 1, 1))
         cov[weighted] = points.cov_mm2[weighted]
     network.set_points(np.arange(len(points)), points.position_mm, cov, kind=points.kind.tolist())
@@ -74,7 +94,7 @@ def build_network(tables: NetworkInput, *, eccentricity: bool) -> Built:
     seen = tables.observations
     network.set_observations(seen.image, seen.point, seen.xy_px, seen.cov_px2)
     network.set_datum(tables.datum)
-    return Built(network=network, poses=tuple(poses), warnings=tuple(warnings))
+    return Built(network=network, given=tuple(given), poses=tuple(poses), warnings=tuple(warnings))
 
 
 def _set_circles(network: Network, tables: NetworkInput) -> list[str]:

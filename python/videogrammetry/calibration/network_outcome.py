@@ -8,7 +8,7 @@ import numpy as np
 
 from videogrammetry.adjustment import Adjustment, Dispersion
 from videogrammetry.calibration.network_bars import bar_lengths
-from videogrammetry.calibration.network_build import Built
+from videogrammetry.calibration.network_build import Built, start_values
 from videogrammetry.calibration.network_input import NetworkInput
 from videogrammetry.calibration.network_result import (
     AdjustedBars,
@@ -132,7 +132,7 @@ def _camera(
     cov = adjustment.sigma0**2 * dispersion.cov[np.ix_(places[free], places[free])]
     sigma = np.zeros(len(CAMERA_UNKNOWNS))
     sigma[free] = np.sqrt(np.diag(cov))
-    start = np.append(camera.interior, [camera.aspect, 0.0])
+    start = start_values(built.given[index], camera)
     tested = [k for k in free if k >= 3]
     mine = (
         adjustment.used

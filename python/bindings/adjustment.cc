@@ -13,6 +13,7 @@
 #include "videogrammetry/adjustment/focal_search.h"
 #include "videogrammetry/adjustment/homography.h"
 #include "videogrammetry/adjustment/network.h"
+#include "videogrammetry/adjustment/relative_orientation.h"
 #include "videogrammetry/adjustment/resection.h"
 
 namespace py = pybind11;
@@ -230,7 +231,36 @@ void BindAdjust(py::module_& m) {
   m.def("point_covariances", &PointCovariances, "network"_a, "dispersion"_a);
 }
 
+/// Candidates (rotation, direction, cost, inlier, convergence), rotation, parallax, has_baseline.
+py::tuple RelativeOrientationTuple(const Camera& camera_a, const Eigen::Ref<const Rows<2>>& a,
+                                   const Camera& camera_b, const Eigen::Ref<const Rows<2>>& b,
+                                   double threshold_px, int max_samples, std::uint32_t seed) {
+  RelativeOrientation found;
+  {
+    const py::gil_scoped_release release;
+    found = OrientRelatively(camera_a, a, camera_b, b, {threshold_px, max_samples, seed});
+  }
+  py::list candidates;
+  for (const RelativePose& c : found.candidates) {
+    candidates.append(py::make_tuple(c.b_from_a.rotation, c.b_from_a.translation_mm, c.cost_px2,
+                                     c.inlier, c.convergence_rad));
+  }
+  return py::make_tuple(candidates, found.rotation, found.parallax, found.has_baseline);
+}
+
 void BindStart(py::module_& m) {
+  m.def("relative_orientation", &RelativeOrientationTuple, "camera_a"_a, "pixels_a"_a, "camera_b"_a,
+        "pixels_b"_a, "threshold_px"_a, "max_samples"_a, "seed"_a);
+  m.def(
+      "robust_bundle",
+      [](Network& network, double cauchy_scale, int max_iterations) {
+        BundleOptions options;
+        options.cauchy_scale = cauchy_scale;
+        options.max_iterations = max_iterations;
+        options.near_solution = false;
+        return SolveBundle(&network, options).converged;
+      },
+      "network"_a, "cauchy_scale"_a, "max_iterations"_a, py::call_guard<py::gil_scoped_release>());
   m.def(
       "dlt",
       [](const Eigen::Ref<const Rows<3>>& points_mm, const Eigen::Ref<const Rows<2>>& pixels) {

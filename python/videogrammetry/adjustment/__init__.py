@@ -8,11 +8,15 @@ from videogrammetry.adjustment.network import (
     DroppedParameter,
     Network,
 )
+from videogrammetry.adjustment.robust import robust_bundle
 from videogrammetry.adjustment.start import (
     Dlt,
     PoseCandidate,
+    RelativeCandidate,
+    RelativeOrientation,
     direct_linear_transform,
     principal_extents,
+    relative_orientation,
     resect,
     search_focal,
 )
@@ -26,8 +30,12 @@ __all__ = [
     "DroppedParameter",
     "Network",
     "PoseCandidate",
+    "RelativeCandidate",
+    "RelativeOrientation",
     "direct_linear_transform",
     "principal_extents",
+    "relative_orientation",
     "resect",
+    "robust_bundle",
     "search_focal",
 ]

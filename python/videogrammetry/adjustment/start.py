@@ -1,4 +1,4 @@
-"""Start values: DLT, homography, space resection, search of the principal distance."""
+"""Start values: DLT, resection, relative orientation, search of the principal distance."""
 
 from __future__ import annotations
 
@@ -45,6 +45,44 @@ class PoseCandidate:
     translation_mm: FloatArray
     cost_px2: float
     inliers: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelativeCandidate:
+    """A motion b_from_a between two pictures, the baseline of length 1.
+
+    Attributes
+    ----------
+    rotation : (3, 3); translation : (3,), of unit length.
+    cost_px2 : mean of min(distance, threshold)^2, distances from the epipolar lines.
+    inlier : (N,) pairs within the threshold whose rays meet before both cameras.
+    convergence_rad : median angle between the inliers' rays.
+    """
+
+    rotation: FloatArray
+    translation: FloatArray
+    cost_px2: float
+    inlier: npt.NDArray[np.bool_]
+    convergence_rad: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelativeOrientation:
+    """What two pictures alone say of their motion (see :func:`relative_orientation`).
+
+    Attributes
+    ----------
+    candidates : at most two, the better first; two where both fit (a plane), none
+        without a baseline.
+    rotation : (3, 3) of the rotation alone that fits best.
+    parallax : what it leaves over the points' noise; near 1 there is no baseline.
+    has_baseline : parallax of at least 3.
+    """
+
+    candidates: tuple[RelativeCandidate, ...]
+    rotation: FloatArray
+    parallax: float
+    has_baseline: bool
 
 
 def direct_linear_transform(points_mm: npt.ArrayLike, pixels: npt.ArrayLike) -> Dlt:
@@ -129,6 +167,82 @@ def search_focal(
     except _TaskError as error:
         raise CalibrationError(str(error)) from error
     return float(f_px), float(rms_px), float(contrast)
+
+
+def relative_orientation(
+    camera_a: Any,
+    pixels_a: npt.ArrayLike,
+    camera_b: Any,
+    pixels_b: npt.ArrayLike,
+    *,
+    threshold_px: float = 2.0,
+    max_samples: int = 600,
+    seed: int = 1,
+) -> RelativeOrientation:
+    """Relative orientation of two pictures of cameras (``camera_model``) of known interior.
+
+    Five points [1]_, [2]_ in a random sampler with a fixed seed, judged by the mean
+    of min(e, ``threshold_px``)^2, e = b'E a over the length of its gradient (the
+    distance from the epipolar lines, px); then least squares over rotation and
+    direction of the baseline. Points in one plane allow two motions: both are given.
+
+    Parameters
+    ----------
+    camera_a, camera_b : of ``geometry.camera_model``.
+    pixels_a, pixels_b : (N, 2) px, a row a point; up to half of the rows may be wrong.
+    threshold_px : further from the epipolar line a pair counts as wrong.
+    max_samples : fives that are drawn at most.
+    seed : of the draws.
+
+    Raises
+    ------
+    ValueError : unequal counts or other shapes.
+
+    References
+    ----------
+    .. [1] D. Nister, An efficient solution to the five-point relative pose problem,
+       IEEE PAMI 26 (2004).
+    .. [2] H. Stewenius, C. Engels, D. Nister, Recent developments on direct relative
+       orientation, ISPRS J. 60 (2006).
+
+    Examples
+    --------
+    >>> from videogrammetry.geometry import camera_model
+    >>> from videogrammetry.types import RigCamera
+    >>> camera = camera_model(RigCamera(
+    ...     image_size_px=(1001, 1001), interior=np.r_[1000.0, np.zeros(9)],
+    ...     r0_px=400.0, rotation=np.eye(3), translation_mm=np.zeros(3)))
+    >>> points = np.random.default_rng(1).uniform(-1, 1, (20, 3)) + [0, 0, 5]
+    >>> moved = points - [1.0, 0, 0]
+    >>> found = relative_orientation(camera, 500 + 1000 * points[:, :2] / points[:, 2:],
+    ...                              camera, 500 + 1000 * moved[:, :2] / moved[:, 2:])
+    >>> np.abs(found.candidates[0].translation.round(6)).tolist()
+    [1.0, 0.0, 0.0]
+    """
+    candidates, rotation, parallax, has_baseline = _adjustment.relative_orientation(
+        camera_a,
+        rows(pixels_a, 2, "pixels_a"),
+        camera_b,
+        rows(pixels_b, 2, "pixels_b"),
+        threshold_px,
+        max_samples,
+        seed,
+    )
+    return RelativeOrientation(
+        candidates=tuple(
+            RelativeCandidate(
+                rotation=r,
+                translation=t,
+                cost_px2=cost,
+                inlier=np.array(inlier, dtype=bool),
+                convergence_rad=angle,
+            )
+            for r, t, cost, inlier, angle in candidates
+        ),
+        rotation=rotation,
+        parallax=float(parallax),
+        has_baseline=bool(has_baseline),
+    )
 
 
 def principal_extents(points_mm: npt.ArrayLike) -> FloatArray:

@@ -112,8 +112,9 @@ def _started(
     """The network with start values; what found none is left out."""
     start = start_network(network, partial=True)
     started = on_start_values(start.network, network)
-    # What start values say about scale holds only where the table gives no coordinates.
-    warnings += [d for d in start.report.doubts if not d.startswith("the scale is unknown")]
+    # The start has a scale of its own only where the table gives no coordinates.
+    scaled = started is not start.network
+    warnings += [d for d in start.report.doubts if not (scaled and "scale is unknown" in d)]
     reasons = dict(start.report.left_out)
     placed = np.asarray(np.isfinite(started.points.position_mm).all(axis=1))
     posed = np.array([i.rotation is not None for i in started.images], bool)

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <limits>
+#include <memory>
 
 #include "bindings.h"
 #include "videogrammetry/adjustment/adjust.h"
@@ -24,13 +25,15 @@ namespace {
 
 template <int Columns>
 using Rows = Eigen::Matrix<double, Eigen::Dynamic, Columns, Eigen::RowMajor>;
-using Interior = Eigen::Matrix<double, kNumInterior, 1>;
-using Mask = std::array<bool, kNumInterior>;
 using Indices = Eigen::Ref<const Eigen::VectorXi>;
 
-int AddCamera(Network& n, const std::string& name, const Camera& camera, const Mask& free,
-              const Interior& start, const Interior& prior_sigma, double floor_px) {
-  n.cameras.push_back({name, camera, free, prior_sigma, start, floor_px});
+int AddCamera(Network& n, const std::string& name, const Camera& camera, const CameraMask& free,
+              const CameraVector& start, const CameraVector& prior_sigma, double floor_px,
+              double aspect, double time_offset) {
+  NetworkCamera c{name, camera, free, prior_sigma, start, floor_px};
+  c.aspect = aspect;
+  c.time_offset = time_offset;
+  n.cameras.push_back(c);
   return static_cast<int>(n.cameras.size()) - 1;
 }
 
@@ -45,17 +48,28 @@ int AddImage(Network& n, const std::string& name, int camera, int outer, int inn
   return static_cast<int>(n.images.size()) - 1;
 }
 
-/// cov_mm2 (N, 9), row by row; no rows: the points are `kind` without a prior.
+/// cov_mm2 (N, 9), row by row, of the weighted points; no rows: no priors.
 void SetPoints(Network& n, const Indices& id, const Eigen::Ref<const Rows<3>>& position_mm,
-               const Eigen::Ref<const Rows<9>>& cov_mm2, PointKind kind) {
+               const Eigen::Ref<const Rows<9>>& cov_mm2, const std::vector<PointKind>& kind) {
   n.points.clear();
+  n.prior_block = {};
   for (Eigen::Index i = 0; i < id.size(); ++i) {
-    NetworkPoint p{id[i], position_mm.row(i).transpose(), kind, position_mm.row(i).transpose()};
-    if (cov_mm2.rows() > 0) {
+    NetworkPoint p{id[i], position_mm.row(i).transpose(), kind.at(static_cast<std::size_t>(i)),
+                   position_mm.row(i).transpose()};
+    if (cov_mm2.rows() > 0 && p.kind == PointKind::kWeighted) {
       p.prior_cov_mm2 =
           Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(cov_mm2.row(i).data());
     }
     n.points.push_back(p);
+  }
+}
+
+void SetScaleBars(Network& n, const Indices& a, const Indices& b,
+                  const Eigen::Ref<const Eigen::VectorXd>& length_mm,
+                  const Eigen::Ref<const Eigen::VectorXd>& sigma_mm) {
+  n.scale_bars.clear();
+  for (Eigen::Index i = 0; i < a.size(); ++i) {
+    n.scale_bars.push_back({a[i], b[i], length_mm[i], sigma_mm[i]});
   }
 }
 
@@ -77,13 +91,14 @@ void SetCircles(Network& n, const Eigen::Ref<const Rows<3>>& normal,
 
 void SetObservations(Network& n, const Indices& image, const Indices& point,
                      const Eigen::Ref<const Rows<2>>& xy_px,
-                     const Eigen::Ref<const Rows<3>>& cov_px2, const std::vector<bool>& used) {
+                     const Eigen::Ref<const Rows<3>>& cov_px2, const std::vector<bool>& used,
+                     const Eigen::Ref<const Rows<2>>& velocity_px) {
   n.observations.clear();
   for (Eigen::Index i = 0; i < image.size(); ++i) {
     Eigen::Matrix2d cov;
     cov << cov_px2(i, 0), cov_px2(i, 1), cov_px2(i, 1), cov_px2(i, 2);
-    n.observations.push_back(
-        {image[i], point[i], xy_px.row(i).transpose(), cov, used[static_cast<std::size_t>(i)]});
+    n.observations.push_back({image[i], point[i], xy_px.row(i).transpose(), cov,
+                              used[static_cast<std::size_t>(i)], velocity_px.row(i).transpose()});
   }
 }
 
@@ -116,9 +131,45 @@ py::dict StatisticsArrays(const std::vector<ObservationStatistics>& statistics) 
                   "redundancy"_a = redundancy, "valid"_a = valid);
 }
 
+py::dict BarArrays(const AdjustResult& r) {
+  const Eigen::Index n = static_cast<Eigen::Index>(r.bars.size());
+  Eigen::VectorXd residual(n), normalised(n), redundancy(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const BarStatistics& s = r.bars[static_cast<std::size_t>(i)];
+    residual[i] = s.residual_mm;
+    normalised[i] = s.normalised;
+    redundancy[i] = s.redundancy;
+  }
+  return py::dict("residual_mm"_a = residual, "normalised"_a = normalised,
+                  "redundancy"_a = redundancy);
+}
+
+py::dict PointArrays(const AdjustResult& r) {
+  const Eigen::Index n = static_cast<Eigen::Index>(r.points.size());
+  Rows<3> residual(n, 3), normalised(n, 3);
+  Eigen::VectorXd test(n), redundancy(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const PointStatistics& s = r.points[static_cast<std::size_t>(i)];
+    residual.row(i) = s.residual_mm.transpose();
+    normalised.row(i) = s.normalised.transpose();
+    test[i] = s.test;
+    redundancy[i] = s.redundancy;
+  }
+  return py::dict("residual_mm"_a = residual, "normalised"_a = normalised, "test"_a = test,
+                  "redundancy"_a = redundancy);
+}
+
+/// Per point or bar, what `get` says of it.
+template <typename Item, typename Get>
+std::vector<bool> Flags(const std::vector<Item>& items, const Get& get) {
+  std::vector<bool> flags;
+  for (const Item& item : items) flags.push_back(get(item));
+  return flags;
+}
+
 /// Covariances of the points, (N, 9) row by row.
-Rows<9> PointCovariances(const Network& n, const Dispersion& dispersion) {
-  Rows<9> cov(static_cast<Eigen::Index>(n.points.size()), 9);
+Rows<9> PointCovariances(const Dispersion& dispersion) {
+  Rows<9> cov(static_cast<Eigen::Index>(dispersion.index().point.size()), 9);
   for (Eigen::Index i = 0; i < cov.rows(); ++i) {
     const Eigen::Matrix3d c = dispersion.CovPoint(static_cast<int>(i));
     cov.row(i) = Eigen::Map<const Eigen::Matrix<double, 1, 9>>(c.data());
@@ -144,26 +195,38 @@ void BindNetwork(py::module_& m) {
       .value("FIXED", PointKind::kFixed)
       .value("WEIGHTED", PointKind::kWeighted)
       .value("FREE", PointKind::kFree);
+  py::enum_<Datum>(m, "Datum")
+      .value("FIXED", Datum::kFixed)
+      .value("WEIGHTED", Datum::kWeighted)
+      .value("FREE", Datum::kFree);
   py::class_<Network>(m, "Network")
       .def(py::init<>())
       .def("add_camera", &AddCamera, "name"_a, "camera"_a, "free"_a, "start"_a, "prior_sigma"_a,
-           "floor_px"_a)
+           "floor_px"_a, "aspect"_a, "time_offset"_a)
       .def("add_pose", &AddPose, "name"_a, "rotation"_a, "translation_mm"_a, "free"_a)
       .def("add_image", &AddImage, "name"_a, "camera"_a, "outer"_a, "inner"_a)
       .def("set_points", &SetPoints, "id"_a, "position_mm"_a, "cov_mm2"_a, "kind"_a)
       .def("set_circles", &SetCircles, "normal"_a, "radius_mm"_a)
       .def("set_observations", &SetObservations, "image"_a, "point"_a, "xy_px"_a, "cov_px2"_a,
-           "used"_a)
+           "used"_a, "velocity_px"_a)
+      .def("set_point_prior", &Network::SetPriorBlock, "rows"_a, "mean_mm"_a, "cov_mm2"_a,
+           py::call_guard<py::gil_scoped_release>())
+      .def("set_scale_bars", &SetScaleBars, "a"_a, "b"_a, "length_mm"_a, "sigma_mm"_a)
+      .def("set_datum", [](Network& n, Datum datum) { n.datum = datum; })
       .def("set_pose",
            [](Network& n, int i, const Eigen::Matrix3d& rotation, const Eigen::Vector3d& t) {
              n.poses.at(static_cast<std::size_t>(i)).transform = {rotation, t};
            })
       .def("set_free",
-           [](Network& n, int i, const Mask& free) {
+           [](Network& n, int i, const CameraMask& free) {
              n.cameras.at(static_cast<std::size_t>(i)).free = free;
            })
       .def("camera",
            [](const Network& n, int i) { return n.cameras.at(static_cast<std::size_t>(i)).camera; })
+      .def("camera_values",
+           [](const Network& n, int i) {
+             return n.cameras.at(static_cast<std::size_t>(i)).values();
+           })
       .def("free",
            [](const Network& n, int i) { return n.cameras.at(static_cast<std::size_t>(i)).free; })
       .def("floor_px", [](const Network& n,
@@ -177,7 +240,20 @@ void BindNetwork(py::module_& m) {
            })
       .def_property_readonly("num_poses", [](const Network& n) { return n.poses.size(); })
       .def_property_readonly("positions_mm", &Positions)
-      .def_property_readonly("used", &Used);
+      .def_property_readonly("used", &Used)
+      .def_property_readonly("bars_used",
+                             [](const Network& n) {
+                               return Flags(n.scale_bars,
+                                            [](const NetworkScaleBar& b) { return b.used; });
+                             })
+      .def_property_readonly("priors_used",
+                             [](const Network& n) {
+                               return Flags(n.points,
+                                            [](const NetworkPoint& p) { return p.is_observed(); });
+                             })
+      .def_property_readonly("starved", [](const Network& n) {
+        return Flags(n.points, [](const NetworkPoint& p) { return p.starved; });
+      });
 }
 
 void BindAdjust(py::module_& m) {
@@ -188,6 +264,7 @@ void BindAdjust(py::module_& m) {
       .def_readwrite("robust_start", &AdjustOptions::robust_start)
       .def_readwrite("significance", &AdjustOptions::significance)
       .def_readwrite("offered", &AdjustOptions::offered)
+      .def_readwrite("baarda", &AdjustOptions::baarda)
       .def_readwrite("max_rounds", &AdjustOptions::max_rounds)
       .def_readwrite("num_threads", &AdjustOptions::num_threads);
   py::class_<CameraVariance>(m, "CameraVariance")
@@ -211,24 +288,37 @@ void BindAdjust(py::module_& m) {
       .def_readonly("redundancy", &AdjustResult::redundancy)
       .def_readonly("point_factor", &AdjustResult::point_factor)
       .def_readonly("point_redundancy", &AdjustResult::point_redundancy)
+      .def_readonly("bar_factor", &AdjustResult::bar_factor)
+      .def_readonly("bar_redundancy", &AdjustResult::bar_redundancy)
+      .def_property_readonly("bars", &BarArrays)
+      .def_property_readonly("points", &PointArrays)
       .def_readonly("cameras", &AdjustResult::cameras)
       .def_readonly("dropped", &AdjustResult::dropped)
       .def_readonly("rounds", &AdjustResult::rounds)
       .def_property_readonly("statistics",
                              [](const AdjustResult& r) { return StatisticsArrays(r.statistics); });
   m.def("adjust", &Adjust, "network"_a, "options"_a, py::call_guard<py::gil_scoped_release>());
+  const auto release = py::call_guard<py::gil_scoped_release>();
   py::class_<Dispersion>(m, "Dispersion")
-      .def(py::init<const Network&>(), "network"_a, py::keep_alive<1, 2>(),
-           py::call_guard<py::gil_scoped_release>())
-      .def_property_readonly("cov_reduced", &Dispersion::cov_reduced)
-      .def_property_readonly("interior_index",
-                             [](const Dispersion& d) { return d.index().interior; })
+      .def(py::init([](const Network& n, int num_threads) {
+             return std::make_unique<Dispersion>(n, Elimination::What::kSmallest, num_threads);
+           }),
+           "network"_a, "num_threads"_a, py::keep_alive<1, 2>(), release)
+      .def("cov_orientation", &Dispersion::CovOrientation, release)
+      .def("covariance", &Dispersion::Covariance, "a"_a, "b"_a, release)
+      .def("point_covariance", &Dispersion::CovPoints, "rows"_a, release)
+      .def("names",
+           [](const Dispersion& d, const Network& n) { return UnknownNames(n, d.index()); })
+      .def_property_readonly("camera_index", [](const Dispersion& d) { return d.index().camera; })
       .def_property_readonly("pose_index", [](const Dispersion& d) { return d.index().pose; })
+      .def_property_readonly("point_index", [](const Dispersion& d) { return d.index().point; })
       .def_property_readonly("redundancy", &Dispersion::redundancy)
-      .def("full_covariance", &Dispersion::FullCovariance, py::call_guard<py::gil_scoped_release>())
+      .def_property_readonly("num_reduced", &Dispersion::num_reduced)
+      .def_property_readonly("datum_size", &Dispersion::datum_size)
+      .def("full_covariance", &Dispersion::FullCovariance, release)
       .def("statistics", [](const Dispersion& d) { return StatisticsArrays(d.Statistics()); })
       .def("predict", &PredictMany, "image"_a, "point"_a);
-  m.def("point_covariances", &PointCovariances, "network"_a, "dispersion"_a);
+  m.def("point_covariances", &PointCovariances, "dispersion"_a);
 }
 
 /// Candidates (rotation, direction, cost, inlier, convergence), rotation, parallax, has_baseline.

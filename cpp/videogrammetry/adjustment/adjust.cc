@@ -5,63 +5,14 @@
 #include <utility>
 
 #include "videogrammetry/adjustment/bundle.h"
+#include "videogrammetry/adjustment/robust_start.h"
 #include "videogrammetry/adjustment/snooping.h"
+#include "videogrammetry/adjustment/starved.h"
+#include "videogrammetry/adjustment/test_distributions.h"
 #include "videogrammetry/core/errors.h"
 
 namespace videogrammetry {
 namespace {
-
-// While the values are only start values, an error of several pixels is
-// normal: this floor keeps the weights finite and Cauchy's loss out of its tail.
-constexpr double kStartFloorPx = 1.0;
-
-void SetFloors(Network* network, const std::vector<double>& floors) {
-  for (std::size_t c = 0; c < floors.size(); ++c) network->cameras[c].floor_px = floors[c];
-}
-
-std::vector<ObservationStatistics> PlainResiduals(const Network& network) {
-  std::vector<ObservationStatistics> all(network.observations.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const NetworkObservation& o = network.observations[i];
-    const NetworkImage& image = network.images[o.image];
-    const auto pixel = Project(network.cameras[image.camera].camera,
-                               network.CamFromObject(image) * network.points[o.point].position_mm);
-    if (!pixel) continue;
-    all[i].valid = true;
-    all[i].residual_px = o.xy_px - *pixel;
-  }
-  return all;
-}
-
-/// Cauchy's loss, first with a wide floor and only f and A1, then with all that is free.
-BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
-  BundleOptions bundle;
-  bundle.near_solution = false;
-  bundle.cauchy_scale = 3.0;
-  bundle.num_threads = options.num_threads;
-  std::vector<double> floors(network->cameras.size(), kStartFloorPx);
-  for (const NetworkCamera& c : network->cameras) {
-    floors[&c - network->cameras.data()] = std::max(kStartFloorPx, c.floor_px);
-  }
-  SetFloors(network, floors);
-  std::vector<std::array<bool, kNumInterior>> wanted;
-  for (NetworkCamera& c : network->cameras) {
-    wanted.push_back(c.free);
-    for (int k = 0; k < kNumInterior; ++k) c.free[k] = c.free[k] && (k == kF || k == kA1);
-  }
-  SolveBundle(network, bundle);
-  for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
-  BundleSummary summary = SolveBundle(network, bundle);
-  SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
-  bundle.near_solution = true;
-  summary = SolveBundle(network, bundle);
-  if (options.estimate_floor) {
-    SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
-  } else {
-    SetFloors(network, std::vector<double>(floors.size(), 0.0));
-  }
-  return summary;
-}
 
 /// Takes the new noise over if it differs by half a per cent somewhere.
 bool UpdateNoise(Network* network, const std::vector<CameraNoise>& noise) {
@@ -79,76 +30,65 @@ bool UpdateNoise(Network* network, const std::vector<CameraNoise>& noise) {
   return moved;
 }
 
+double SigmaZero(const Dispersion& dispersion) {
+  return std::sqrt(dispersion.weighted_squares() / std::max(1, dispersion.redundancy()));
+}
+
+/// How often each observation has been rejected.
+struct RoundsOut {
+  std::vector<int> observation, bar, point;
+  explicit RoundsOut(const Network& network) {
+    for (const NetworkObservation& o : network.observations) observation.push_back(o.used ? 0 : 1);
+    for (const NetworkScaleBar& b : network.scale_bars) bar.push_back(b.used ? 0 : 1);
+    for (const NetworkPoint& p : network.points) point.push_back(p.prior_used ? 0 : 1);
+  }
+};
+
+/// One round of the test of single observations. With sigma0 from the network
+/// itself the w become Pope's tau, the points' joint test alike.
+bool Snoop(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
+           const std::vector<ObservationStatistics>& stated, RoundsOut* rounds_out) {
+  std::vector<ObservationStatistics> statistics = stated;
+  std::vector<BarStatistics> bars = dispersion.StatisticsOfBars();
+  std::vector<PointStatistics> points = dispersion.StatisticsOfPoints();
+  double critical_value = options.critical_value;
+  if (!options.baarda) {
+    critical_value = PopeTau(options.critical_value, dispersion.redundancy());
+    const double sigma0 = std::max(SigmaZero(dispersion), 1e-12);
+    for (ObservationStatistics& s : statistics) s.normalised /= sigma0;
+    for (BarStatistics& s : bars) s.normalised /= sigma0;
+    for (PointStatistics& s : points) s.test /= sigma0;
+  }
+  SnoopingChange change = SnoopPriorsOnce(network, statistics, bars, points, critical_value,
+                                          &rounds_out->bar, &rounds_out->point);
+  if (change.rejected == 0) {
+    const SnoopingChange of_image_points =
+        SnoopOnce(network, statistics, critical_value, &rounds_out->observation);
+    change.rejected += of_image_points.rejected;
+    change.readmitted += of_image_points.readmitted;
+  }
+  return change.rejected + change.readmitted > 0;
+}
+
 /// One look at the present solution: observations, then weights, that must
 /// change. True if something did. Floors wait until no outlier is left that
 /// would raise them; until then those of the robust start hold.
 bool Revise(Network* network, const Dispersion& dispersion, const AdjustOptions& options,
-            std::vector<int>* rounds_out, AdjustResult* result) {
+            RoundsOut* rounds_out, AdjustResult* result) {
   result->statistics = dispersion.Statistics();
-  if (options.critical_value > 0) {
-    const SnoopingChange change =
-        SnoopOnce(network, result->statistics, options.critical_value, rounds_out);
-    if (change.rejected + change.readmitted > 0) return true;
+  if (options.critical_value > 0 &&
+      Snoop(network, dispersion, options, result->statistics, rounds_out)) {
+    return true;
   }
   if (!options.estimate_floor) return false;
   return UpdateNoise(network, EstimateNoise(*network, result->statistics, options.critical_value));
-}
-
-/// Sets aside what the robust start leaves beyond `limit` standard deviations:
-/// a wrong number hundreds of pixels off would bend every least-squares fit so
-/// far that the w-test points at good observations. The test re-admits what fits.
-void SetOutliersAside(Network* network, double limit) {
-  const std::vector<ObservationStatistics> residuals = PlainResiduals(*network);
-  for (std::size_t i = 0; i < residuals.size(); ++i) {
-    NetworkObservation& o = network->observations[i];
-    const Eigen::Vector2d sigma = network->TotalCov(o).diagonal().cwiseSqrt();
-    o.used = o.used && residuals[i].valid &&
-             residuals[i].residual_px.cwiseQuotient(sigma).cwiseAbs().maxCoeff() < limit;
-  }
-}
-
-/// Holds every pose that sees fewer than `kMinPoints` different points and sets
-/// its observations aside for good: a stage whose pictures were all
-/// rejected must not make the normal equations singular.
-bool HoldStarvedPoses(Network* network, std::vector<int>* rounds_out) {
-  constexpr int kMinPoints = 4;
-  std::vector<int> count(network->poses.size());
-  std::vector<std::vector<bool>> seen(count.size(), std::vector<bool>(network->points.size()));
-  for (const NetworkObservation& o : network->observations) {
-    if (!o.used) continue;
-    for (const int pose : {network->images[o.image].inner, network->images[o.image].outer}) {
-      if (pose < 0 || seen[pose][o.point]) continue;
-      seen[pose][o.point] = true;
-      ++count[pose];
-    }
-  }
-  auto starved = [&](int pose) {
-    return pose >= 0 && network->poses[pose].free && count[pose] < kMinPoints;
-  };
-  bool held = false;
-  for (std::size_t i = 0; i < network->observations.size(); ++i) {
-    NetworkObservation& o = network->observations[i];
-    const NetworkImage& image = network->images[o.image];
-    if (!starved(image.inner) && !starved(image.outer)) continue;
-    o.used = false;
-    (*rounds_out)[i] = 2;
-    held = true;
-  }
-  for (std::size_t p = 0; p < count.size(); ++p) {
-    if (starved(static_cast<int>(p))) network->poses[p].free = false;
-  }
-  return held;
-}
-
-double SigmaZero(const Dispersion& dispersion) {
-  return std::sqrt(dispersion.weighted_squares() / std::max(1, dispersion.redundancy()));
 }
 
 void CheckRedundancy(const Network& network, const Dispersion& dispersion) {
   if (dispersion.redundancy() > 0) return;
   throw AdjustmentError("too few observations: " + std::to_string(dispersion.num_observations()) +
                         " image coordinates in " + std::to_string(network.images.size()) +
-                        " pictures for " + std::to_string(dispersion.index().num_unknowns()) +
+                        " pictures for " + std::to_string(dispersion.index().num_unknowns) +
                         " unknowns");
 }
 
@@ -163,11 +103,12 @@ void AddLoosePriors(Network* network, const AdjustOptions& options) {
     const auto& offered = options.offered[c];
     if (std::none_of(offered.begin(), offered.end(), [](bool is) { return is; })) continue;
     const double side = std::max(camera.camera.width_px, camera.camera.height_px);
-    InteriorVector loose = 0.1 * InteriorScale(camera.camera);
+    CameraVector loose = 0.1 * CameraScale(camera.camera);
     loose[kF] = 0.5 * camera.camera.f_px();
     loose[kX0] = loose[kY0] = 0.1 * side;
-    loose[kE1] = loose[kE2] = 0.05;
-    for (int k = 0; k < kNumInterior; ++k) {
+    loose[kE1] = loose[kE2] = loose[kAspect] = 0.05;
+    loose[kTimeOffset] = 1.0;
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
       if (!(camera.prior_sigma[k] > 0)) camera.prior_sigma[k] = loose[k];
     }
   }
@@ -212,16 +153,40 @@ bool HoldSingular(Network* network, AdjustResult* result) {
   return !held.empty();
 }
 
-/// The dispersion at the present values; parameters that leave it singular are held.
-Dispersion RegularDispersion(Network* network, const BundleOptions& bundle, BundleSummary* summary,
-                             AdjustResult* result) {
+/// The dispersion at the present values; parameters that leave it singular are
+/// held, points that their pictures do not determine are set aside.
+Dispersion RegularDispersion(Network* network, const BundleOptions& bundle, RoundsOut* rounds_out,
+                             BundleSummary* summary, AdjustResult* result) {
   while (true) {
     try {
-      return Dispersion(*network);
+      return Dispersion(*network, Elimination::What::kSmallest, bundle.num_threads);
+    } catch (const UndeterminedPointError& error) {
+      HoldPoint(network, error.point(), &rounds_out->observation, &rounds_out->bar);
+      while (HoldStarved(network, &rounds_out->observation, &rounds_out->bar)) {
+      }
     } catch (const AdjustmentError&) {
       if (!HoldSingular(network, result)) throw;
     }
     *summary = SolveBundle(network, bundle);
+  }
+}
+
+/// Variance factors of the a-priori positions and of the scale bars.
+void SummarisePriors(const Network& network, const Dispersion& dispersion, AdjustResult* result) {
+  result->points = dispersion.StatisticsOfPoints();
+  result->bars = dispersion.StatisticsOfBars();
+  for (std::size_t p = 0; p < result->points.size(); ++p) {
+    if (network.points[p].is_observed()) result->point_redundancy += result->points[p].redundancy;
+  }
+  for (std::size_t b = 0; b < result->bars.size(); ++b) {
+    if (network.scale_bars[b].used) result->bar_redundancy += result->bars[b].redundancy;
+  }
+  // Less than that is rounding: nothing checks them.
+  if (result->point_redundancy > 1e-3) {
+    result->point_factor = dispersion.point_squares() / result->point_redundancy;
+  }
+  if (result->bar_redundancy > 1e-3) {
+    result->bar_factor = dispersion.bar_squares() / result->bar_redundancy;
   }
 }
 
@@ -230,24 +195,23 @@ Dispersion RegularDispersion(Network* network, const BundleOptions& bundle, Bund
 AdjustResult Adjust(Network* network, const AdjustOptions& options) {
   AdjustResult result;
   bool loose = options.significance > 0 && !options.offered.empty();
-  std::vector<InteriorVector> priors;
+  std::vector<CameraVector> priors;
   for (const NetworkCamera& c : network->cameras) priors.push_back(c.prior_sigma);
   if (loose) AddLoosePriors(network, options);
   if (options.robust_start) {
+    network->Check();
     RobustStart(network, options);
     if (options.critical_value > 0) SetOutliersAside(network, 2.0 * options.critical_value);
   }
   BundleOptions bundle;
   bundle.num_threads = options.num_threads;
-  std::vector<int> rounds_out(network->observations.size(), 0);
-  for (std::size_t i = 0; i < rounds_out.size(); ++i) {
-    rounds_out[i] = network->observations[i].used ? 0 : 1;
-  }
+  RoundsOut rounds_out(*network);
   for (int round = 1;; ++round) {
-    while (HoldStarvedPoses(network, &rounds_out)) {
+    while (HoldStarved(network, &rounds_out.observation, &rounds_out.bar)) {
     }
     BundleSummary summary = SolveBundle(network, bundle);
-    const Dispersion dispersion = RegularDispersion(network, bundle, &summary, &result);
+    const Dispersion dispersion =
+        RegularDispersion(network, bundle, &rounds_out, &summary, &result);
     CheckRedundancy(*network, dispersion);
     result.rounds = round;
     result.converged = summary.converged;
@@ -266,12 +230,9 @@ AdjustResult Adjust(Network* network, const AdjustOptions& options) {
     result.sigma0 = SigmaZero(dispersion);
     result.num_observations = dispersion.num_observations();
     result.num_prior = dispersion.num_prior();
-    result.num_unknowns = dispersion.index().num_unknowns();
+    result.num_unknowns = dispersion.index().num_unknowns;
     result.redundancy = dispersion.redundancy();
-    result.point_redundancy = dispersion.point_redundancy();
-    if (result.point_redundancy > 1e-3) {
-      result.point_factor = dispersion.point_squares() / result.point_redundancy;
-    }
+    SummarisePriors(*network, dispersion, &result);
     return result;
   }
 }

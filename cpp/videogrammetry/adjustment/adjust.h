@@ -11,7 +11,7 @@ namespace videogrammetry {
 
 /// What an adjustment does beside minimising.
 struct AdjustOptions {
-  /// Baarda's critical value; 0 = no data snooping.
+  /// Critical value of the test of one observation, a normal deviate; 0 = no data snooping.
   double critical_value = 3.29;
   /// Estimate an additive variance of the image points per camera.
   bool estimate_floor = true;
@@ -20,7 +20,10 @@ struct AdjustOptions {
   /// Drop offered distortion parameters below this many standard deviations; 0 = keep all.
   double significance = 0.0;
   /// Per camera, which parameters may be dropped; empty = none.
-  std::vector<std::array<bool, kNumInterior>> offered;
+  std::vector<CameraMask> offered;
+  /// True: the standard deviations are those stated (Baarda's w-test). False:
+  /// sigma0 is estimated from the network itself (Pope's tau).
+  bool baarda = true;
   /// Adjustments between the changes of weights and observations, at most.
   int max_rounds = 30;
   /// 0 = one a core.
@@ -39,8 +42,13 @@ struct AdjustResult {
   /// Variance factor of the weighted points' coordinates and their redundancy.
   double point_factor = 1.0;
   double point_redundancy = 0.0;
+  /// The same of the scale bars.
+  double bar_factor = 1.0;
+  double bar_redundancy = 0.0;
   std::vector<CameraVariance> cameras;
   std::vector<ObservationStatistics> statistics;
+  std::vector<PointStatistics> points;  ///< of the a-priori positions
+  std::vector<BarStatistics> bars;
   std::vector<DroppedParameter> dropped;
   int rounds = 0;
 };

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <memory>
 
+#include "videogrammetry/adjustment/datum.h"
+#include "videogrammetry/adjustment/elimination.h"
 #include "videogrammetry/adjustment/observation_model.h"
 #include "videogrammetry/core/thread_pool.h"
 
@@ -60,42 +62,45 @@ class PoseManifold : public ceres::Manifold {
   }
 };
 
-/// Whitened residual measured - predicted; blocks: interior (in units of
-/// InteriorScale), [outer pose,] inner pose, point.
+/// Whitened residual measured - predicted; blocks: camera (in units of
+/// CameraScale), [outer pose,] inner pose, point.
 class ImagePointCost : public ceres::CostFunction {
  public:
   ImagePointCost(const Camera& camera, const NetworkObservation& o, const Circle& mark,
                  const Eigen::Matrix2d& cov, bool has_outer)
       : camera_(camera),
-        scale_(InteriorScale(camera)),
+        scale_(CameraScale(camera)),
         mark_(mark),
         xy_px_(o.xy_px),
+        velocity_px_(o.velocity_px),
         has_outer_(has_outer) {
     whiten_ = Eigen::Matrix2d::Identity();
     cov.llt().matrixL().solveInPlace(whiten_);
     set_num_residuals(2);
     auto* sizes = mutable_parameter_block_sizes();
-    *sizes = has_outer ? std::vector<int32_t>{kNumInterior, kPoseSize, kPoseSize, 3}
-                       : std::vector<int32_t>{kNumInterior, kPoseSize, 3};
+    *sizes = has_outer ? std::vector<int32_t>{kNumCameraUnknowns, kPoseSize, kPoseSize, 3}
+                       : std::vector<int32_t>{kNumCameraUnknowns, kPoseSize, 3};
   }
 
   bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
     Camera camera = camera_;
-    camera.interior = As<InteriorVector>(x[0]).cwiseProduct(scale_);
-    if (!(camera.f_px() > 0)) return false;
+    const CameraVector values = As<CameraVector>(x[0]).cwiseProduct(scale_);
+    camera.interior = values.head<kNumInterior>();
+    if (!(camera.f_px() > 0) || !(values[kAspect] > -1)) return false;
     const Rigid3 outer = has_outer_ ? PoseFrom(x[1]) : Rigid3();
     const int inner = has_outer_ ? 2 : 1;
     Circle mark = mark_;
     mark.center_mm = As<Eigen::Vector3d>(x[inner + 1]);
     ImagePointJacobians j;
     const auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]),
-                                         mark, jacobians != nullptr ? &j : nullptr);
+                                         mark, {values[kAspect], values[kTimeOffset], velocity_px_},
+                                         jacobians != nullptr ? &j : nullptr);
     if (!pixel) return false;
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
     if (jacobians[0] != nullptr) {
-      As<Eigen::Matrix<double, 2, kNumInterior, Eigen::RowMajor>>(jacobians[0]) =
-          -whiten_ * j.by_interior * scale_.asDiagonal();
+      As<Eigen::Matrix<double, 2, kNumCameraUnknowns, Eigen::RowMajor>>(jacobians[0]) =
+          -whiten_ * j.by_camera * scale_.asDiagonal();
     }
     if (has_outer_ && jacobians[1] != nullptr) WritePose(j.by_outer, jacobians[1]);
     if (jacobians[inner] != nullptr) WritePose(j.by_inner, jacobians[inner]);
@@ -114,9 +119,10 @@ class ImagePointCost : public ceres::CostFunction {
   }
 
   Camera camera_;
-  InteriorVector scale_;
+  CameraVector scale_;
   Circle mark_;  // its centre is an unknown
   Eigen::Vector2d xy_px_;
+  Eigen::Vector2d velocity_px_;
   Eigen::Matrix2d whiten_;
   bool has_outer_;
 };
@@ -141,15 +147,68 @@ class PriorCost : public ceres::SizedCostFunction<N, N> {
   Matrix whiten_;
 };
 
+/// Residual of a scale bar over its standard deviation; blocks: its two points.
+class BarCost : public ceres::SizedCostFunction<1, 3, 3> {
+ public:
+  explicit BarCost(const NetworkScaleBar& bar) : bar_(bar) {}
+  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
+    const Eigen::Vector3d between = As<Eigen::Vector3d>(x[0]) - As<Eigen::Vector3d>(x[1]);
+    const double length_mm = between.norm();
+    if (!(length_mm > 0)) return false;
+    residuals[0] = (bar_.length_mm - length_mm) / bar_.sigma_mm;
+    if (jacobians == nullptr) return true;
+    const Eigen::Vector3d along = between / (length_mm * bar_.sigma_mm);
+    if (jacobians[0] != nullptr) As<Eigen::Vector3d>(jacobians[0]) = -along;
+    if (jacobians[1] != nullptr) As<Eigen::Vector3d>(jacobians[1]) = along;
+    return true;
+  }
+
+ private:
+  NetworkScaleBar bar_;
+};
+
+/// Whitened residuals of the prior block: W (mean - x); blocks: its points that take part.
+class PriorBlockCost : public ceres::CostFunction {
+ public:
+  explicit PriorBlockCost(const PriorBlock& block) {
+    std::vector<Eigen::Index> rows;
+    for (std::size_t i = 0; i < block.points.size(); ++i) {
+      if (!block.in_weight[i]) continue;
+      for (int k = 0; k < 3; ++k) rows.push_back(3 * static_cast<Eigen::Index>(i) + k);
+      mutable_parameter_block_sizes()->push_back(3);
+    }
+    mean_mm_ = block.mean_mm(rows);
+    whiten_ = block.whiten_per_mm(rows, rows);
+    set_num_residuals(static_cast<int>(rows.size()));
+  }
+  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
+    const Eigen::Index n = mean_mm_.size();
+    Eigen::VectorXd residual = mean_mm_;
+    for (Eigen::Index i = 0; 3 * i < n; ++i)
+      residual.segment<3>(3 * i) -= As<Eigen::Vector3d>(x[i]);
+    Eigen::Map<Eigen::VectorXd>(residuals, n).noalias() = whiten_ * residual;
+    for (Eigen::Index i = 0; jacobians != nullptr && 3 * i < n; ++i) {
+      if (jacobians[i] == nullptr) continue;
+      Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(jacobians[i], n, 3) =
+          -whiten_.middleCols<3>(3 * i);
+    }
+    return true;
+  }
+
+ private:
+  Eigen::VectorXd mean_mm_;
+  Eigen::MatrixXd whiten_;
+};
+
 /// The network's numbers in the blocks that Ceres works on.
 struct Blocks {
-  std::vector<InteriorVector> interior;
+  std::vector<CameraVector> camera;
   std::vector<Eigen::Matrix<double, kPoseSize, 1>> pose;
   std::vector<Eigen::Vector3d> point;
 
   explicit Blocks(const Network& network) {
     for (const NetworkCamera& c : network.cameras) {
-      interior.push_back(c.camera.interior.cwiseQuotient(InteriorScale(c.camera)));
+      camera.push_back(c.values().cwiseQuotient(CameraScale(c.camera)));
     }
     for (const NetworkPose& p : network.poses) {
       pose.emplace_back();
@@ -160,9 +219,9 @@ struct Blocks {
   }
 
   void WriteTo(Network* network) const {
-    for (std::size_t i = 0; i < interior.size(); ++i) {
-      Camera& camera = network->cameras[i].camera;
-      camera.interior = interior[i].cwiseProduct(InteriorScale(camera));
+    for (std::size_t i = 0; i < camera.size(); ++i) {
+      NetworkCamera& c = network->cameras[i];
+      c.set_values(camera[i].cwiseProduct(CameraScale(c.camera)));
     }
     for (std::size_t i = 0; i < pose.size(); ++i) {
       if (!network->poses[i].free) continue;
@@ -181,11 +240,11 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     const NetworkImage& image = network->images[o.image];
     const NetworkCamera& camera = network->cameras[image.camera];
     const Circle mark = network->points[o.point].mark();
-    if (!PredictImagePoint(camera.camera, nullptr, network->CamFromObject(image), mark)) {
+    if (!PredictImagePoint(*network, o.image, o.point, o.velocity_px)) {
       o.used = false;
       continue;
     }
-    std::vector<double*> x = {blocks->interior[image.camera].data()};
+    std::vector<double*> x = {blocks->camera[image.camera].data()};
     if (image.outer >= 0) x.push_back(blocks->pose[image.outer].data());
     x.push_back(blocks->pose[image.inner].data());
     x.push_back(blocks->point[o.point].data());
@@ -195,46 +254,66 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
   }
 }
 
-void AddPriors(const Network& network, Blocks* blocks, ceres::Problem* problem) {
+/// A-priori positions; robustly each by itself, for a loss judges one residual as a whole.
+void AddPointPriors(const Network& network, Blocks* blocks, ceres::LossFunction* loss,
+                    ceres::Problem* problem) {
+  const PriorBlock& block = network.prior_block;
+  std::vector<double*> together;
+  for (std::size_t i = 0; loss == nullptr && i < block.points.size(); ++i) {
+    if (block.in_weight[i]) together.push_back(blocks->point[block.points[i]].data());
+  }
+  if (!together.empty()) problem->AddResidualBlock(new PriorBlockCost(block), nullptr, together);
+  std::vector<bool> done(network.points.size(), false);
+  for (const int p : block.points) done[p] = loss == nullptr;
   for (std::size_t i = 0; i < network.points.size(); ++i) {
     const NetworkPoint& p = network.points[i];
-    if (p.kind != PointKind::kWeighted || !problem->HasParameterBlock(blocks->point[i].data())) {
-      continue;
-    }
+    if (done[i] || !p.is_observed()) continue;
     Eigen::Matrix3d whiten = Eigen::Matrix3d::Identity();
     p.prior_cov_mm2.llt().matrixL().solveInPlace(whiten);
-    problem->AddResidualBlock(new PriorCost<3>(p.prior_mm, whiten), nullptr,
-                              blocks->point[i].data());
+    problem->AddResidualBlock(new PriorCost<3>(p.prior_mm, whiten), loss, blocks->point[i].data());
   }
+}
+
+void AddBars(const Network& network, Blocks* blocks, ceres::LossFunction* loss,
+             ceres::Problem* problem) {
+  for (const NetworkScaleBar& bar : network.scale_bars) {
+    if (!bar.used) continue;
+    problem->AddResidualBlock(new BarCost(bar), loss, blocks->point[bar.a].data(),
+                              blocks->point[bar.b].data());
+  }
+}
+
+void AddCameraPriors(const Network& network, Blocks* blocks, ceres::Problem* problem) {
+  using Cost = PriorCost<kNumCameraUnknowns>;
   for (std::size_t i = 0; i < network.cameras.size(); ++i) {
     const NetworkCamera& c = network.cameras[i];
-    if (!problem->HasParameterBlock(blocks->interior[i].data())) continue;
-    const InteriorVector scale = InteriorScale(c.camera);
-    PriorCost<kNumInterior>::Matrix whiten = PriorCost<kNumInterior>::Matrix::Zero();
+    if (!problem->HasParameterBlock(blocks->camera[i].data())) continue;
+    const CameraVector scale = CameraScale(c.camera);
+    Cost::Matrix whiten = Cost::Matrix::Zero();
     bool any = false;
-    for (int k = 0; k < kNumInterior; ++k) {
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
       if (!c.free[k] || !(c.prior_sigma[k] > 0)) continue;
       whiten(k, k) = scale[k] / c.prior_sigma[k];
       any = true;
     }
     if (!any) continue;
-    problem->AddResidualBlock(new PriorCost<kNumInterior>(c.start.cwiseQuotient(scale), whiten),
-                              nullptr, blocks->interior[i].data());
+    problem->AddResidualBlock(new Cost(c.start.cwiseQuotient(scale), whiten), nullptr,
+                              blocks->camera[i].data());
   }
 }
 
 void HoldFixed(const Network& network, Blocks* blocks, ceres::Problem* problem) {
   for (std::size_t i = 0; i < network.cameras.size(); ++i) {
-    double* x = blocks->interior[i].data();
+    double* x = blocks->camera[i].data();
     if (!problem->HasParameterBlock(x)) continue;
     std::vector<int> held;
-    for (int k = 0; k < kNumInterior; ++k) {
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
       if (!network.cameras[i].free[k]) held.push_back(k);
     }
-    if (held.size() == kNumInterior) {
+    if (held.size() == kNumCameraUnknowns) {
       problem->SetParameterBlockConstant(x);
     } else if (!held.empty()) {
-      problem->SetManifold(x, new ceres::SubsetManifold(kNumInterior, held));
+      problem->SetManifold(x, new ceres::SubsetManifold(kNumCameraUnknowns, held));
     }
   }
   for (std::size_t i = 0; i < network.poses.size(); ++i) {
@@ -248,32 +327,32 @@ void HoldFixed(const Network& network, Blocks* blocks, ceres::Problem* problem) 
   }
   for (std::size_t i = 0; i < network.points.size(); ++i) {
     double* x = blocks->point[i].data();
-    if (network.points[i].kind == PointKind::kFixed && problem->HasParameterBlock(x)) {
+    if (!network.points[i].is_unknown() && problem->HasParameterBlock(x)) {
       problem->SetParameterBlockConstant(x);
     }
   }
 }
 
-std::shared_ptr<ceres::ParameterBlockOrdering> EliminationOrder(const Network& network,
+/// First the blocks that Elimination eliminates, of a group of points joined by bars one point.
+std::shared_ptr<ceres::ParameterBlockOrdering> EliminationOrder(const UnknownIndex& index,
+                                                                const Elimination& elimination,
                                                                 Blocks* blocks,
                                                                 const ceres::Problem& problem) {
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  bool any_point = false;
-  for (const NetworkPoint& p : network.points) any_point |= p.kind != PointKind::kFixed;
-  std::vector<bool> is_inner(network.poses.size(), false);
-  if (!any_point) {
-    for (const NetworkImage& image : network.images) is_inner[image.inner] = true;
-  }
-  for (auto& x : blocks->point) {
-    if (problem.HasParameterBlock(x.data())) ordering->AddElementToGroup(x.data(), 0);
+  auto add = [&](double* x, int first_unknown) {
+    if (!problem.HasParameterBlock(x)) return;
+    // Held blocks are taken out by Ceres itself.
+    const int block = first_unknown < 0 ? -1 : elimination.block_of[first_unknown];
+    const bool first = block >= 0 && elimination.blocks[block].front() == first_unknown;
+    ordering->AddElementToGroup(x, first ? 0 : 1);
+  };
+  for (std::size_t i = 0; i < blocks->point.size(); ++i) {
+    add(blocks->point[i].data(), index.point[i]);
   }
   for (std::size_t i = 0; i < blocks->pose.size(); ++i) {
-    double* x = blocks->pose[i].data();
-    if (problem.HasParameterBlock(x)) ordering->AddElementToGroup(x, is_inner[i] ? 0 : 1);
+    add(blocks->pose[i].data(), index.pose[i]);
   }
-  for (auto& x : blocks->interior) {
-    if (problem.HasParameterBlock(x.data())) ordering->AddElementToGroup(x.data(), 1);
-  }
+  for (auto& x : blocks->camera) add(x.data(), -1);
   return ordering;
 }
 
@@ -288,14 +367,18 @@ BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
   problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(problem_options);
   AddImagePoints(network, &blocks, loss.get(), &problem);
-  AddPriors(*network, &blocks, &problem);
+  AddPointPriors(*network, &blocks, loss.get(), &problem);
+  AddBars(*network, &blocks, loss.get(), &problem);
+  AddCameraPriors(*network, &blocks, &problem);
   HoldFixed(*network, &blocks, &problem);
 
   const UnknownIndex index(*network);
+  const Elimination elimination(*network, index);
   ceres::Solver::Options solver;
   // A dense reduced system up to a size where its cube is still milliseconds.
-  solver.linear_solver_type = index.num_reduced <= 600 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
-  solver.linear_solver_ordering = EliminationOrder(*network, &blocks, problem);
+  solver.linear_solver_type =
+      elimination.reduced.size() <= 600 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+  solver.linear_solver_ordering = EliminationOrder(index, elimination, &blocks, problem);
   solver.max_num_iterations = options.max_iterations;
   solver.num_threads = ResolveThreads(options.num_threads);
   // A relative change of v'Pv of 1e-10 moves no unknown by 1e-3 of its sigma.
@@ -304,11 +387,20 @@ BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
   solver.gradient_tolerance = 1e-14;
   solver.initial_trust_region_radius = options.near_solution ? 1e12 : 1e4;
   solver.max_trust_region_radius = 1e16;
+  if (FreeDatumSize(*network) > 0) {
+    // The damping is what holds the datum: 1e-8 of the diagonal moves nothing
+    // that is determined and leaves the equations solvable.
+    solver.max_trust_region_radius = 1e8;
+    solver.initial_trust_region_radius = std::min(solver.initial_trust_region_radius, 1e8);
+  }
   solver.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem, &summary);
 
-  if (summary.IsSolutionUsable()) blocks.WriteTo(network);
+  if (summary.IsSolutionUsable()) {
+    blocks.WriteTo(network);
+    FitToDatum(network);
+  }
   BundleSummary result;
   result.converged = summary.termination_type == ceres::CONVERGENCE;
   result.iterations = static_cast<int>(summary.iterations.size());

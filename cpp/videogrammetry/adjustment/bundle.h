@@ -28,11 +28,11 @@ struct BundleSummary {
 };
 
 /// Bundle adjustment: estimates every free unknown of the network from the
-/// used observations and the priors, min v'Pv (Hu et al. 2012, Eqs. 4-6).
+/// used observations, scale bars and priors, min v'Pv (Hu et al. 2012, Eqs. 4-6).
 ///
-/// Levenberg-Marquardt (Ceres) on analytic Jacobians; the object points are
-/// eliminated first (Schur complement), or the inner poses where all points
-/// are fixed. An observation whose point has no picture at the start values
+/// Levenberg-Marquardt (Ceres) on analytic Jacobians; the object points or the
+/// inner poses are eliminated first (Elimination). A free network is moved to
+/// its datum afterwards (FitToDatum). An observation whose point has no picture at the start values
 /// is set to unused.
 ///
 /// @throws std::invalid_argument if the network is malformed (Network::Check).

@@ -1,230 +1,280 @@
 #include "videogrammetry/adjustment/dispersion.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <sstream>
 
-#include "videogrammetry/adjustment/observation_model.h"
+#include "videogrammetry/adjustment/datum.h"
+#include "videogrammetry/adjustment/spd_inverse.h"
 #include "videogrammetry/core/errors.h"
+#include "videogrammetry/core/thread_pool.h"
 
 namespace videogrammetry {
 namespace {
 
-// Below this share of its unit diagonal a pivot is rounding: about 1e4 times
-// the double's epsilon, and far under what a solvable network shows (1e-9).
+// As in normal_equations.cc: a pivot below this is rounding.
 constexpr double kRankTolerance = 1e-12;
+
+/// Orthonormal basis of the columns' span.
+Eigen::MatrixXd Orthonormal(const Eigen::MatrixXd& columns) {
+  return Eigen::HouseholderQR<Eigen::MatrixXd>(columns).householderQ() *
+         Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
+}
+
+std::vector<int> Range(int first, int end) {
+  std::vector<int> all(static_cast<std::size_t>(end - first));
+  std::iota(all.begin(), all.end(), first);
+  return all;
+}
 
 }  // namespace
 
-Dispersion::Dispersion(const Network& network) : network_(network), index_(network) {
-  normal_ = Eigen::MatrixXd::Zero(index_.num_reduced, index_.num_reduced);
-  normal_by_point_ = Eigen::MatrixXd::Zero(index_.num_reduced, 3 * index_.num_points);
-  normal_point_.assign(static_cast<std::size_t>(index_.num_points), Eigen::Matrix3d::Zero());
-  Accumulate();
-  AddPriors();
-  Factor();
-  AccountForPriors();
+Dispersion::Dispersion(const Network& network, Elimination::What what, int num_threads)
+    : network_(network),
+      index_(network),
+      elimination_(network, index_, what),
+      normal_(network, index_, elimination_),
+      null_space_(DatumNullSpace(network, index_)) {
+  Invert(num_threads);
+  ApplyDatum();
+  SpreadToBlocks(num_threads);
 }
 
-Dispersion::Row Dispersion::Linearise(int image_index, int point) const {
-  const NetworkImage& image = network_.images[image_index];
-  const NetworkCamera& camera = network_.cameras[image.camera];
-  const Rigid3* outer = image.outer < 0 ? nullptr : &network_.poses[image.outer].transform;
-  ImagePointJacobians j;
-  Row row;
-  const auto pixel = PredictImagePoint(camera.camera, outer, network_.poses[image.inner].transform,
-                                       network_.points[point].mark(), &j);
-  if (!pixel) return row;
-  row.valid = true;
-  row.pixel = *pixel;
-  row.by_point = j.by_point;
-  for (int k = 0; k < kNumInterior; ++k) {
-    if (index_.interior[image.camera][k] < 0) continue;
-    row.by_reduced.col(row.size) = j.by_interior.col(k);
-    row.unknown[row.size++] = index_.interior[image.camera][k];
+void Dispersion::Invert(int num_threads) {
+  const Eigen::VectorXd scale = normal_.diagonal.cwiseSqrt().cwiseInverse();
+  if (!scale.allFinite()) ThrowRankDefect(scale);
+  cov_ = std::move(normal_.reduced);
+  for (Eigen::Index j = 0; j < cov_.cols(); ++j) {
+    cov_.col(j).tail(cov_.rows() - j).array() *= scale[j] * scale.tail(cov_.rows() - j).array();
   }
-  auto add_pose = [&](int pose, const Eigen::Matrix<double, 2, 6>& by_pose) {
-    if (pose < 0 || index_.pose[pose] < 0) return;
-    for (int k = 0; k < 6; ++k) {
-      row.by_reduced.col(row.size) = by_pose.col(k);
-      row.unknown[row.size++] = index_.pose[pose] + k;
-    }
-  };
-  add_pose(image.outer, j.by_outer);
-  add_pose(image.inner, j.by_inner);
-  return row;
+  if (datum_size() > 0) {
+    const Eigen::MatrixXd g = null_space_(elimination_.reduced, Eigen::all);
+    cov_.selfadjointView<Eigen::Lower>().rankUpdate(
+        Orthonormal(scale.cwiseInverse().asDiagonal() * g));
+  }
+  // The upper triangle and this keep the matrix, for the words about a rank defect.
+  unit_diagonal_ = cov_.diagonal();
+  cov_.triangularView<Eigen::StrictlyUpper>() = cov_.transpose();
+  if (!(FactorInPlace(&cov_, num_threads) > kRankTolerance)) ThrowRankDefect(scale);
+  InvertFactorInPlace(&cov_, num_threads);
+  for (Eigen::Index j = 0; j < cov_.cols(); ++j) {
+    cov_.col(j).tail(cov_.rows() - j).array() *= scale[j] * scale.tail(cov_.rows() - j).array();
+  }
+  cov_.triangularView<Eigen::StrictlyUpper>() = cov_.transpose();
 }
 
-void Dispersion::Accumulate() {
-  for (const NetworkObservation& o : network_.observations) {
-    if (!o.used) continue;
-    const Row row = Linearise(o.image, o.point);
-    if (!row.valid) continue;
-    const Eigen::Matrix2d weight = network_.TotalCov(o).inverse();
-    const Eigen::Vector2d residual = o.xy_px - row.pixel;
-    num_observations_ += 2;
-    weighted_squares_ += residual.dot(weight * residual);
-    const Eigen::Matrix<double, 2, 22> weighted = weight * row.by_reduced;
-    const int point = index_.point[o.point];
-    for (int b = 0; b < row.size; ++b) {
-      for (int a = 0; a <= b; ++a) {
-        const double value = row.by_reduced.col(a).dot(weighted.col(b));
-        // Lower triangle; an unknown's place says which of the two it is.
-        normal_(std::max(row.unknown[a], row.unknown[b]),
-                std::min(row.unknown[a], row.unknown[b])) += value;
-      }
-      if (point >= 0) {
-        normal_by_point_.row(row.unknown[b]).segment<3>(3 * point) +=
-            weighted.col(b).transpose() * row.by_point;
-      }
-    }
-    if (point >= 0) {
-      normal_point_[point] += row.by_point.transpose() * weight * row.by_point;
-    }
+void Dispersion::ApplyDatum() {
+  const int d = datum_size();
+  datum_ = Eigen::MatrixXd::Zero(index_.num_unknowns, d);
+  if (d == 0) return;
+  // H over the points; its columns of other unknowns are zero.
+  Eigen::MatrixXd h = Eigen::MatrixXd::Zero(d, index_.num_unknowns);
+  const Eigen::Index p = index_.num_unknowns - index_.num_orientation;
+  const auto g_p = null_space_.bottomRows(p);
+  h.rightCols(p) = (g_p.transpose() * g_p).ldlt().solve(g_p.transpose());
+  // HT = H_r - sum_b H_b Y_b, and M = D H'.
+  Eigen::MatrixXd ht = h(Eigen::all, elimination_.reduced);
+  Eigen::MatrixXd hdh = Eigen::MatrixXd::Zero(d, d);
+  for (std::size_t b = 0; b < normal_.blocks.size(); ++b) {
+    const NormalEquations::Block& block = normal_.blocks[b];
+    const Eigen::MatrixXd h_b = h(Eigen::all, elimination_.blocks[b]);
+    if (h_b.isZero(0)) continue;
+    const Eigen::MatrixXd m = block.inverse * h_b.transpose();
+    datum_(elimination_.blocks[b], Eigen::all) = m;
+    hdh += h_b * m;
+    ht(Eigen::all, block.columns) -= h_b * block.y;
   }
+  const Eigen::MatrixXd g = null_space_(elimination_.reduced, Eigen::all);
+  const Eigen::MatrixXd k = cov_ * ht.transpose();  // (H T Q_rr)'
+  const Eigen::MatrixXd hqh = ht * k + hdh;         // H Q' H'
+  const Eigen::MatrixXd half = k - 0.5 * g * hqh;
+  cov_.noalias() -= g * half.transpose();
+  cov_.noalias() -= half * g.transpose();
 }
 
-void Dispersion::AddPriors() {
-  for (std::size_t i = 0; i < network_.points.size(); ++i) {
-    const NetworkPoint& p = network_.points[i];
-    if (p.kind != PointKind::kWeighted) continue;
-    const Eigen::Matrix3d weight = p.prior_cov_mm2.inverse();
-    const Eigen::Vector3d residual = p.prior_mm - p.position_mm;
-    normal_point_[index_.point[i]] += weight;
-    num_prior_ += 3;
-    point_squares_ += residual.dot(weight * residual);
-  }
-  weighted_squares_ += point_squares_;
-  for (std::size_t c = 0; c < network_.cameras.size(); ++c) {
-    const NetworkCamera& camera = network_.cameras[c];
-    for (int k = 0; k < kNumInterior; ++k) {
-      const int u = index_.interior[c][k];
-      if (u < 0 || !(camera.prior_sigma[k] > 0)) continue;
-      const double sigma = camera.prior_sigma[k];
-      normal_(u, u) += 1 / (sigma * sigma);
-      num_prior_ += 1;
-      weighted_squares_ += std::pow((camera.start[k] - camera.camera.interior[k]) / sigma, 2);
+void Dispersion::SpreadToBlocks(int num_threads) {
+  block_cov_.resize(normal_.blocks.size());
+  ParallelFor(static_cast<int>(block_cov_.size()), num_threads, [&](int b) {
+    const NormalEquations::Block& block = normal_.blocks[b];
+    BlockCov& q = block_cov_[b];
+    q.by_columns.noalias() = -block.y * cov_(block.columns, block.columns);
+    q.own = block.inverse - q.by_columns * block.y.transpose();
+    if (datum_size() > 0) {
+      std::vector<int> met;
+      for (const int place : block.columns) met.push_back(elimination_.reduced[place]);
+      const Eigen::MatrixXd m = datum_(elimination_.blocks[b], Eigen::all);
+      const Eigen::MatrixXd cross = null_space_(elimination_.blocks[b], Eigen::all) * m.transpose();
+      q.by_columns.noalias() -= m * null_space_(met, Eigen::all).transpose();
+      q.own -= cross + cross.transpose();
     }
-  }
+    q.own = 0.5 * (q.own + q.own.transpose().eval());
+  });
 }
 
-void Dispersion::Factor() {
-  const Eigen::Index u = index_.num_reduced;
-  y_.resize(u, 3 * index_.num_points);
-  for (int p = 0; p < index_.num_points; ++p) {
-    const Eigen::Matrix3d& n = normal_point_[p];
-    const double scale = std::pow(std::max(n.trace() / 3, 1e-300), 3);
-    if (!(n.determinant() > kRankTolerance * scale)) {
-      const auto found = std::find(index_.point.begin(), index_.point.end(), p);
-      throw AdjustmentError("point " +
-                            std::to_string(network_.points[found - index_.point.begin()].id) +
-                            " is not determined: too few pictures see it, or all along one line");
+void Dispersion::ThrowRankDefect(const Eigen::VectorXd& scale) const {
+  std::vector<int> free;  // unknowns, the freest first
+  for (Eigen::Index i = 0; i < scale.size(); ++i) {
+    if (!std::isfinite(scale[i])) free.push_back(elimination_.reduced[i]);
+  }
+  if (free.empty()) {
+    // Inverse iteration on a small shift: what remains of random vectors is what
+    // can move freely, and the rows of its projector show which unknowns that is.
+    const Eigen::Index n = scale.size(), count = std::min<Eigen::Index>(n, 8);
+    Eigen::MatrixXd shifted = cov_.selfadjointView<Eigen::Upper>();
+    shifted.diagonal() = unit_diagonal_.array() + 1e-9;
+    const Eigen::LDLT<Eigen::MatrixXd> factor(shifted);
+    Eigen::MatrixXd v = Orthonormal(Eigen::MatrixXd::Random(n, count));
+    for (int i = 0; i < 3; ++i) v = Orthonormal(factor.solve(v));
+    shifted.diagonal() = unit_diagonal_;
+    Eigen::VectorXd moves = Eigen::VectorXd::Zero(n);
+    const Eigen::VectorXd value = (v.transpose() * shifted * v).diagonal().cwiseAbs();
+    const double least = value.minCoeff();
+    for (Eigen::Index k = 0; k < count; ++k) {
+      if (value[k] <= std::max(1e-9, 10 * least)) moves += v.col(k).cwiseAbs2();
     }
-    inverse_point_.push_back(n.inverse());
-    y_.middleCols<3>(3 * p).noalias() = normal_by_point_.middleCols<3>(3 * p) * inverse_point_[p];
-  }
-  Eigen::MatrixXd reduced = normal_.selfadjointView<Eigen::Lower>();
-  if (index_.num_points > 0) reduced.noalias() -= y_ * normal_by_point_.transpose();
-  const Eigen::VectorXd diagonal = normal_.diagonal();
-  if (u > 0 && !(diagonal.minCoeff() > 0)) ThrowRankDefect(reduced);
-  const Eigen::VectorXd scale = diagonal.cwiseSqrt().cwiseInverse();
-  reduced = scale.asDiagonal() * reduced * scale.asDiagonal();
-  const Eigen::LLT<Eigen::MatrixXd> factor(reduced);
-  if (factor.info() != Eigen::Success ||
-      (u > 0 && factor.matrixLLT().diagonal().cwiseAbs2().minCoeff() < kRankTolerance)) {
-    ThrowRankDefect(reduced);
-  }
-  cov_ = factor.solve(Eigen::MatrixXd::Identity(u, u));
-  cov_ = scale.asDiagonal() * cov_ * scale.asDiagonal();
-  cov_ = 0.5 * (cov_ + cov_.transpose().eval());
-  cov_by_point_.noalias() = -(cov_ * y_);
-}
-
-void Dispersion::AccountForPriors() {
-  for (std::size_t i = 0; i < network_.points.size(); ++i) {
-    const NetworkPoint& p = network_.points[i];
-    if (p.kind != PointKind::kWeighted) continue;
-    point_redundancy_ += 3.0 - (CovPoint(static_cast<int>(i)) * p.prior_cov_mm2.inverse()).trace();
-  }
-}
-
-void Dispersion::ThrowRankDefect(const Eigen::MatrixXd& normal) const {
-  std::ostringstream names;
-  int count = 0;
-  auto add = [&](int unknown) {
-    if (count++ < 8) names << (count > 1 ? ", " : "") << UnknownName(network_, index_, unknown);
-  };
-  const Eigen::VectorXd diagonal = normal_.diagonal();
-  bool empty = false;
-  for (int i = 0; i < index_.num_reduced; ++i) {
-    if (!(diagonal[i] > 0)) {
-      empty = true;
-      add(i);
+    std::vector<int> order = Range(0, static_cast<int>(n));
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return moves[a] > moves[b]; });
+    for (const int i : order) {
+      if (moves[i] > 0.04 * moves.maxCoeff()) free.push_back(elimination_.reduced[i]);
     }
   }
-  if (!empty) {
-    // The eigenvector of the smallest eigenvalue shows what can move freely.
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(normal);
-    const Eigen::VectorXd v = eigen.eigenvectors().col(0).cwiseAbs();
-    std::vector<int> order(static_cast<std::size_t>(v.size()));
-    std::iota(order.begin(), order.end(), 0);
-    std::sort(order.begin(), order.end(), [&](int a, int b) { return v[a] > v[b]; });
-    for (int i : order) {
-      if (v[i] > 0.2 * v.maxCoeff()) add(i);
-    }
+  const std::vector<std::string> names = UnknownNames(network_, index_);
+  std::ostringstream list;
+  for (std::size_t i = 0; i < free.size() && i < 8; ++i) {
+    list << (i > 0 ? ", " : "") << names[free[i]];
   }
-  if (count > 8) names << " and " << count - 8 << " more";
+  if (free.size() > 8) list << " and " << free.size() - 8 << " more";
   throw AdjustmentError("the observations do not determine all unknowns (rank defect); free to " +
-                        std::string("move: ") + names.str());
+                        std::string("move: ") + list.str());
+}
+
+double Dispersion::CovOf(int a, int b) const {
+  const int block_a = elimination_.block_of[a], block_b = elimination_.block_of[b];
+  const int place_a = elimination_.place[a], place_b = elimination_.place[b];
+  if (block_a < 0 && block_b < 0) return cov_(place_a, place_b);
+  if (block_a >= 0 && block_a == block_b) return block_cov_[block_a].own(place_a, place_b);
+  if (block_a < 0) return CovOf(b, a);
+  const int column = block_b < 0 ? normal_.blocks[block_a].Column(place_b) : -1;
+  return column >= 0 ? block_cov_[block_a].by_columns(place_a, column) : Covariance({a}, {b})(0, 0);
+}
+
+Eigen::MatrixXd Dispersion::Expansion(const std::vector<int>& unknowns,
+                                      std::vector<int>* columns) const {
+  columns->clear();
+  for (const int u : unknowns) {
+    const int b = elimination_.block_of[u];
+    if (b < 0) {
+      columns->push_back(elimination_.place[u]);
+    } else {
+      const auto& met = normal_.blocks[b].columns;
+      columns->insert(columns->end(), met.begin(), met.end());
+    }
+  }
+  std::sort(columns->begin(), columns->end());
+  columns->erase(std::unique(columns->begin(), columns->end()), columns->end());
+  auto column = [&](int place) {
+    return std::lower_bound(columns->begin(), columns->end(), place) - columns->begin();
+  };
+  Eigen::MatrixXd t = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(unknowns.size()),
+                                            static_cast<Eigen::Index>(columns->size()));
+  for (std::size_t i = 0; i < unknowns.size(); ++i) {
+    const Eigen::Index row = static_cast<Eigen::Index>(i);
+    const int b = elimination_.block_of[unknowns[i]], place = elimination_.place[unknowns[i]];
+    if (b < 0) {
+      t(row, column(place)) = 1.0;
+      continue;
+    }
+    const NormalEquations::Block& block = normal_.blocks[b];
+    for (std::size_t k = 0; k < block.columns.size(); ++k) {
+      t(row, column(block.columns[k])) = -block.y(place, static_cast<Eigen::Index>(k));
+    }
+  }
+  return t;
+}
+
+Eigen::MatrixXd Dispersion::Covariance(const std::vector<int>& a, const std::vector<int>& b) const {
+  std::vector<int> columns_a, columns_b;
+  const Eigen::MatrixXd t_a = Expansion(a, &columns_a), t_b = Expansion(b, &columns_b);
+  Eigen::MatrixXd q = t_a * cov_(columns_a, columns_b) * t_b.transpose();
+  if (datum_size() > 0) {
+    q.noalias() -= null_space_(a, Eigen::all) * datum_(b, Eigen::all).transpose();
+    q.noalias() -= datum_(a, Eigen::all) * null_space_(b, Eigen::all).transpose();
+  }
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const int block = elimination_.block_of[a[i]];
+    for (std::size_t j = 0; block >= 0 && j < b.size(); ++j) {
+      if (elimination_.block_of[b[j]] != block) continue;
+      q(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) +=
+          normal_.blocks[block].inverse(elimination_.place[a[i]], elimination_.place[b[j]]);
+    }
+  }
+  return q;
+}
+
+Eigen::MatrixXd Dispersion::CovOrientation() const {
+  const std::vector<int> all = Range(0, index_.num_orientation);
+  return Covariance(all, all);
 }
 
 Eigen::Matrix3d Dispersion::CovPoint(int point) const {
-  const int p = index_.point[point];
-  if (p < 0) return Eigen::Matrix3d::Zero();
-  const auto y = y_.middleCols<3>(3 * p);
-  return inverse_point_[p] - y.transpose() * cov_by_point_.middleCols<3>(3 * p);
+  const int first = index_.point[point];
+  if (first < 0) {
+    return Eigen::Matrix3d::Constant(
+        network_.points[point].starved ? std::numeric_limits<double>::quiet_NaN() : 0.0);
+  }
+  Eigen::Matrix3d cov;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) cov(i, j) = CovOf(first + i, first + j);
+  }
+  return cov;
+}
+
+Eigen::MatrixXd Dispersion::CovPoints(const std::vector<int>& points) const {
+  const Eigen::Index size = 3 * static_cast<Eigen::Index>(points.size());
+  Eigen::MatrixXd cov = Eigen::MatrixXd::Zero(size, size);
+  std::vector<int> unknowns, rows;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const int first = index_.point[points[i]];
+    for (int k = 0; k < 3; ++k) {
+      const int row = 3 * static_cast<int>(i) + k;
+      if (first >= 0) {
+        unknowns.push_back(first + k);
+        rows.push_back(row);
+      } else if (network_.points[points[i]].starved) {
+        cov.row(row).setConstant(std::numeric_limits<double>::quiet_NaN());
+        cov.col(row).setConstant(std::numeric_limits<double>::quiet_NaN());
+      }
+    }
+  }
+  cov(rows, rows) = Covariance(unknowns, unknowns);
+  return cov;
 }
 
 Eigen::MatrixXd Dispersion::FullCovariance() const {
-  const Eigen::Index u = index_.num_reduced, p3 = 3 * index_.num_points;
-  Eigen::MatrixXd full(u + p3, u + p3);
-  full.topLeftCorner(u, u) = cov_;
-  full.topRightCorner(u, p3) = cov_by_point_;
-  full.bottomLeftCorner(p3, u) = cov_by_point_.transpose();
-  full.bottomRightCorner(p3, p3).noalias() = -(y_.transpose() * cov_by_point_);
-  for (int p = 0; p < index_.num_points; ++p) {
-    full.block<3, 3>(u + 3 * p, u + 3 * p) += inverse_point_[p];
-  }
-  return full;
+  const std::vector<int> all = Range(0, index_.num_unknowns);
+  return Covariance(all, all);
 }
 
 void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::VectorXd& change,
                                 Network* network) const {
-  const Eigen::Index n = static_cast<Eigen::Index>(which.size());
-  Eigen::MatrixXd columns(cov_.rows(), n), block(n, n);
-  for (Eigen::Index i = 0; i < n; ++i)
-    columns.col(i) = cov_.col(which[static_cast<std::size_t>(i)]);
-  for (Eigen::Index i = 0; i < n; ++i)
-    block.row(i) = columns.row(which[static_cast<std::size_t>(i)]);
+  const Eigen::MatrixXd columns = Covariance(Range(0, index_.num_unknowns), which);
+  Eigen::MatrixXd block = columns(which, Eigen::all);
   // Unit diagonal: A1 and A3 differ by twelve powers of ten.
   const Eigen::VectorXd scale = block.diagonal().cwiseSqrt().cwiseInverse();
   block = scale.asDiagonal() * block * scale.asDiagonal();
   const Eigen::VectorXd factor = scale.cwiseProduct(block.ldlt().solve(scale.cwiseProduct(change)));
   const Eigen::VectorXd step = columns * factor;
-  Eigen::MatrixXd by_point(n, cov_by_point_.cols());
-  for (Eigen::Index i = 0; i < n; ++i) {
-    by_point.row(i) = cov_by_point_.row(which[static_cast<std::size_t>(i)]);
-  }
-  const Eigen::VectorXd point_step = by_point.transpose() * factor;
-  for (std::size_t c = 0; c < index_.interior.size(); ++c) {
-    for (int k = 0; k < kNumInterior; ++k) {
-      const int u = index_.interior[c][k];
-      if (u >= 0) network->cameras[c].camera.interior[k] += step[u];
+  for (std::size_t c = 0; c < index_.camera.size(); ++c) {
+    CameraVector values = network->cameras[c].values();
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
+      if (index_.camera[c][k] >= 0) values[k] += step[index_.camera[c][k]];
     }
+    network->cameras[c].set_values(values);
   }
   for (std::size_t p = 0; p < index_.pose.size(); ++p) {
     if (index_.pose[p] < 0) continue;
@@ -233,62 +283,8 @@ void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::Vect
     pose.translation_mm += step.segment<3>(index_.pose[p] + 3);
   }
   for (std::size_t p = 0; p < index_.point.size(); ++p) {
-    if (index_.point[p] < 0) continue;
-    network->points[p].position_mm += point_step.segment<3>(3 * index_.point[p]);
+    if (index_.point[p] >= 0) network->points[p].position_mm += step.segment<3>(index_.point[p]);
   }
-}
-
-Eigen::Matrix2d Dispersion::CovOfPrediction(const Row& row, int point) const {
-  Eigen::Matrix<double, 22, 22> q;
-  for (int b = 0; b < row.size; ++b) {
-    for (int a = 0; a < row.size; ++a) q(a, b) = cov_(row.unknown[a], row.unknown[b]);
-  }
-  const auto a = row.by_reduced.leftCols(row.size);
-  Eigen::Matrix2d cov = a * q.topLeftCorner(row.size, row.size) * a.transpose();
-  const int p = index_.point[point];
-  if (p < 0) return cov;
-  Eigen::Matrix<double, 22, 3> q_by_point;
-  for (int i = 0; i < row.size; ++i) {
-    q_by_point.row(i) = cov_by_point_.row(row.unknown[i]).segment<3>(3 * p);
-  }
-  const Eigen::Matrix2d cross = a * q_by_point.topRows(row.size) * row.by_point.transpose();
-  cov += cross + cross.transpose() + row.by_point * CovPoint(point) * row.by_point.transpose();
-  return cov;
-}
-
-std::vector<ObservationStatistics> Dispersion::Statistics() const {
-  std::vector<ObservationStatistics> all(network_.observations.size());
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const NetworkObservation& o = network_.observations[i];
-    const Row row = Linearise(o.image, o.point);
-    if (!row.valid) continue;
-    ObservationStatistics& s = all[i];
-    s.valid = true;
-    s.residual_px = o.xy_px - row.pixel;
-    const Eigen::Matrix2d total = network_.TotalCov(o), weight = total.inverse();
-    const Eigen::Matrix2d adjusted = CovOfPrediction(row, o.point);
-    s.weighted_square = s.residual_px.dot(weight * s.residual_px);
-    if (!o.used) {
-      s.normalised = s.residual_px.array() / (total + adjusted).diagonal().array().sqrt();
-      s.redundancy.setOnes();
-      continue;
-    }
-    const Eigen::Matrix2d q_vv = total - adjusted;
-    s.redundancy = (q_vv * weight).diagonal();
-    const Eigen::Vector2d pv = weight * s.residual_px;
-    const Eigen::Vector2d var = (weight * q_vv * weight).diagonal();
-    // A coordinate that nothing else checks (redundancy 0) cannot be tested.
-    for (int k = 0; k < 2; ++k) {
-      s.normalised[k] = s.redundancy[k] > 1e-6 ? pv[k] / std::sqrt(var[k]) : 0.0;
-    }
-  }
-  return all;
-}
-
-std::optional<Dispersion::Prediction> Dispersion::Predict(int image, int point) const {
-  const Row row = Linearise(image, point);
-  if (!row.valid) return std::nullopt;
-  return Prediction{row.pixel, CovOfPrediction(row, point)};
 }
 
 }  // namespace videogrammetry

@@ -33,6 +33,8 @@ void Network::Check() const {
     Require(c.camera.interior.allFinite() && c.camera.f_px() > 0,
             "camera " + c.name + ": f must be positive and every parameter finite");
     Require(c.camera.r0_px > 0, "camera " + c.name + ": r0_px must be positive");
+    Require(c.aspect > -1 && std::isfinite(c.aspect) && std::isfinite(c.time_offset),
+            "camera " + c.name + ": aspect must exceed -1, time_offset be finite");
   }
   for (const NetworkPose& p : poses) {
     Require(p.transform.rotation.allFinite() && p.transform.translation_mm.allFinite(),
@@ -47,6 +49,7 @@ void Network::Check() const {
     Require(p.position_mm.allFinite(), "point " + std::to_string(p.id) + " is not finite");
     if (p.radius_mm != 0) p.mark().Check(("Network: point " + std::to_string(p.id)).c_str());
     if (p.kind != PointKind::kWeighted) continue;
+    if (prior_block.contains(static_cast<int>(&p - points.data()))) continue;
     Require(p.prior_mm.allFinite() && p.prior_cov_mm2.llt().info() == Eigen::Success,
             "point " + std::to_string(p.id) + ": its covariance is not positive definite");
   }
@@ -55,9 +58,18 @@ void Network::Check() const {
     const std::string name = "observation " + std::to_string(i);
     Require(InRange(o.image, images.size()), name + ": no such image");
     Require(InRange(o.point, points.size()), name + ": no such point");
-    Require(o.xy_px.allFinite(), name + " is not finite");
+    Require(o.xy_px.allFinite() && o.velocity_px.allFinite(), name + " is not finite");
     Require(TotalCov(o).llt().info() == Eigen::Success,
             name + ": its covariance is not positive definite");
+  }
+  for (std::size_t i = 0; i < scale_bars.size(); ++i) {
+    const NetworkScaleBar& bar = scale_bars[i];
+    const std::string name = "scale bar " + std::to_string(i);
+    Require(InRange(bar.a, points.size()) && InRange(bar.b, points.size()) && bar.a != bar.b,
+            name + ": it must join two different points of the network");
+    Require(bar.length_mm > 0 && bar.sigma_mm > 0 && std::isfinite(bar.length_mm) &&
+                std::isfinite(bar.sigma_mm),
+            name + ": length and standard deviation must be positive");
   }
 }
 
@@ -68,37 +80,71 @@ InteriorVector InteriorScale(const Camera& camera) {
   return scale;
 }
 
+CameraVector CameraScale(const Camera& camera) {
+  CameraVector scale;
+  scale << InteriorScale(camera), 1.0, 1.0;
+  return scale;
+}
+
+const char* CameraUnknownName(int unknown) {
+  if (unknown == kAspect) return "aspect";
+  return unknown == kTimeOffset ? "time_offset" : kInteriorNames.at(unknown);
+}
+
+CameraVector NetworkCamera::values() const {
+  CameraVector all;
+  all << camera.interior, aspect, time_offset;
+  return all;
+}
+
+void NetworkCamera::set_values(const CameraVector& values) {
+  camera.interior = values.head<kNumInterior>();
+  aspect = values[kAspect];
+  time_offset = values[kTimeOffset];
+}
+
 UnknownIndex::UnknownIndex(const Network& network) {
-  for (const NetworkCamera& camera : network.cameras) {
-    std::array<int, kNumInterior> place{};
-    for (int k = 0; k < kNumInterior; ++k) place[k] = camera.free[k] ? num_reduced++ : -1;
-    interior.push_back(place);
+  for (const NetworkCamera& c : network.cameras) {
+    std::array<int, kNumCameraUnknowns> place{};
+    for (int k = 0; k < kNumCameraUnknowns; ++k) place[k] = c.free[k] ? num_unknowns++ : -1;
+    camera.push_back(place);
   }
   for (const NetworkPose& p : network.poses) {
-    pose.push_back(p.free ? num_reduced : -1);
-    if (p.free) num_reduced += 6;
+    pose.push_back(p.free ? num_unknowns : -1);
+    if (p.free) num_unknowns += 6;
   }
+  num_orientation = num_unknowns;
   for (const NetworkPoint& p : network.points) {
-    point.push_back(p.kind == PointKind::kFixed ? -1 : num_points++);
+    point.push_back(p.is_unknown() ? num_unknowns : -1);
+    if (p.is_unknown()) num_unknowns += 3;
   }
 }
 
-std::string UnknownName(const Network& network, const UnknownIndex& index, int unknown) {
-  static constexpr std::array<const char*, 6> kPose = {"rx", "ry", "rz", "tx", "ty", "tz"};
+std::vector<std::string> UnknownNames(const Network& network, const UnknownIndex& index) {
+  static constexpr std::array<const char*, 6> kPose = {" rx", " ry", " rz", " tx", " ty", " tz"};
+  static constexpr std::array<const char*, 3> kPoint = {" x", " y", " z"};
+  std::vector<std::string> names(static_cast<std::size_t>(index.num_unknowns));
   for (std::size_t c = 0; c < network.cameras.size(); ++c) {
-    for (int k = 0; k < kNumInterior; ++k) {
-      if (index.interior[c][k] == unknown) {
-        return network.cameras[c].name + " " + kInteriorNames[k];
-      }
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
+      const int u = index.camera[c][k];
+      if (u >= 0) names[u] = network.cameras[c].name + " " + CameraUnknownName(k);
     }
   }
   for (std::size_t p = 0; p < network.poses.size(); ++p) {
-    const int first = index.pose[p];
-    if (first >= 0 && unknown >= first && unknown < first + 6) {
-      return network.poses[p].name + " " + kPose[unknown - first];
+    for (int k = 0; index.pose[p] >= 0 && k < 6; ++k) {
+      names[index.pose[p] + k] = network.poses[p].name + kPose[k];
     }
   }
-  return "unknown " + std::to_string(unknown);
+  for (std::size_t p = 0; p < network.points.size(); ++p) {
+    for (int k = 0; index.point[p] >= 0 && k < 3; ++k) {
+      names[index.point[p] + k] = "point " + std::to_string(network.points[p].id) + kPoint[k];
+    }
+  }
+  return names;
+}
+
+std::string UnknownName(const Network& network, const UnknownIndex& index, int unknown) {
+  return UnknownNames(network, index).at(static_cast<std::size_t>(unknown));
 }
 
 }  // namespace videogrammetry

@@ -11,22 +11,38 @@
 
 namespace videogrammetry {
 
-using InteriorVector = Eigen::Matrix<double, kNumInterior, 1>;
+/// A camera's unknowns: the ten of InteriorIndex, then these two.
+///   kAspect: pixel height over pixel width, less 1;
+///   kTimeOffset: moment of exposure, as a part of the interval between pictures.
+/// See Sampling in observation_model.h.
+enum CameraUnknown { kAspect = kNumInterior, kTimeOffset, kNumCameraUnknowns };
 
-/// A camera of the network: ten interior parameters, each estimated or held.
+using InteriorVector = Eigen::Matrix<double, kNumInterior, 1>;
+using CameraVector = Eigen::Matrix<double, kNumCameraUnknowns, 1>;
+using CameraMask = std::array<bool, kNumCameraUnknowns>;
+
+/// "f", ..., "E2", "aspect", "time_offset".
+const char* CameraUnknownName(int unknown);
+
+/// A camera of the network: twelve parameters, each estimated or held.
 struct NetworkCamera {
   std::string name;
   Camera camera;
-  std::array<bool, kNumInterior> free{};
+  CameraMask free{};
   /// Standard deviations with which the start values are observed; 0 = not observed.
-  InteriorVector prior_sigma = InteriorVector::Zero();
+  CameraVector prior_sigma = CameraVector::Zero();
   /// The observed values, and what a parameter is set to when it is not estimated.
-  InteriorVector start = InteriorVector::Zero();
+  CameraVector start = CameraVector::Zero();
   /// Adds to every image coordinate's standard deviation (as variances add), px.
   double floor_px = 0.0;
   /// Multiplies the stated covariances; below 1 where the residuals show that
   /// they are too large.
   double cov_scale = 1.0;
+  double aspect = 0.0;
+  double time_offset = 0.0;
+
+  CameraVector values() const;
+  void set_values(const CameraVector& values);
 };
 
 /// A rigid motion that is estimated (`free`) or held. The six unknowns are a
@@ -50,7 +66,8 @@ struct NetworkImage {
 
 enum class PointKind { kFixed, kWeighted, kFree };
 
-/// An object point; kWeighted points are observed with `prior_cov_mm2`.
+/// An object point; kWeighted points are observed with `prior_cov_mm2`, those
+/// of the network's prior block with that block's covariance instead.
 ///
 /// Where `radius_mm` > 0 the point is the centre of a circle with the unit
 /// `normal`, both held, and what a picture measures is its ellipse's centre.
@@ -62,7 +79,13 @@ struct NetworkPoint {
   Eigen::Matrix3d prior_cov_mm2 = Eigen::Matrix3d::Identity();
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double radius_mm = 0.0;
+  /// False: the point's a-priori position is set aside as an outlier.
+  bool prior_used = true;
+  /// True: nothing determines the point; it is no unknown and not observed.
+  bool starved = false;
 
+  bool is_unknown() const { return kind != PointKind::kFixed && !starved; }
+  bool is_observed() const { return kind == PointKind::kWeighted && prior_used && !starved; }
   Circle mark() const { return {position_mm, normal, radius_mm}; }
 };
 
@@ -73,20 +96,67 @@ struct NetworkObservation {
   Eigen::Vector2d xy_px = Eigen::Vector2d::Zero();
   Eigen::Matrix2d cov_px2 = Eigen::Matrix2d::Identity();
   bool used = true;
+  /// Motion of the image point in one interval between pictures, for kTimeOffset.
+  Eigen::Vector2d velocity_px = Eigen::Vector2d::Zero();
 };
+
+/// A known distance between two points (indices): length_mm = |X_a - X_b| + residual.
+struct NetworkScaleBar {
+  int a = 0;
+  int b = 0;
+  double length_mm = 0.0;
+  double sigma_mm = 1.0;
+  bool used = true;
+};
+
+/// Some weighted points observed together, with their full covariance.
+struct PriorBlock {
+  std::vector<int> points;
+  Eigen::VectorXd mean_mm;  ///< (3K)
+  Eigen::MatrixXd cov_mm2;  ///< (3K, 3K), regular
+  /// (K) whether a point's prior takes part when `weight_per_mm2` was made.
+  std::vector<bool> in_weight;
+  /// Inverse of the covariance of those that take part, zero for the others.
+  Eigen::MatrixXd weight_per_mm2;
+  /// W with W' W = weight_per_mm2.
+  Eigen::MatrixXd whiten_per_mm;
+
+  bool contains(int point) const;
+  /// Makes the weights anew if other points take part than before.
+  void Update(const std::vector<NetworkPoint>& all);
+};
+
+/// What the object's frame rests on.
+///   kWeighted, kFixed: weighted or fixed points or held poses;
+///   kFree: inner constraints over all points (free network): shift, rotation
+///   and, where nothing gives the scale, scale of the points against their start values.
+enum class Datum { kFixed, kWeighted, kFree };
 
 /// A photogrammetric network: what is observed and what is unknown.
 ///
 /// The functional model is the collinearity equation with the ten interior
 /// parameters of `Camera` (Hu et al. 2012, Eqs. 1-5): measured image point =
 /// Project(camera, cam_from_object * point) + residual, of a circle
-/// ProjectEllipseCenter instead of Project, evaluated anew in every iteration.
+/// ProjectEllipseCenter instead of Project, evaluated anew in every iteration;
+/// aspect and time offset as in Sampling (observation_model.h).
 struct Network {
   std::vector<NetworkCamera> cameras;
   std::vector<NetworkPose> poses;
   std::vector<NetworkImage> images;
   std::vector<NetworkPoint> points;
   std::vector<NetworkObservation> observations;
+  std::vector<NetworkScaleBar> scale_bars;
+  PriorBlock prior_block;
+  Datum datum = Datum::kWeighted;
+
+  /// Sets the prior block, of weighted points. A covariance that is singular
+  /// because it came from a free network gets a variance along the datum's directions
+  /// (shift, rotation, then scale) of the size of its average variance: what
+  /// can be estimated does not change by it, for poses absorb such motions.
+  /// @throws std::invalid_argument if sizes differ, a point is not weighted or
+  ///     named twice, or the covariance stays singular.
+  void SetPriorBlock(const std::vector<int>& points, const Eigen::VectorXd& mean_mm,
+                     const Eigen::MatrixXd& cov_mm2);
 
   int camera_of(const NetworkObservation& o) const { return images[o.image].camera; }
   /// Covariance of an observation: its camera's scale times the stated one, plus the floor.
@@ -102,19 +172,23 @@ struct Network {
 /// Without them A3 (1e-20) beside f (1e3) would ruin the normal equations.
 InteriorVector InteriorScale(const Camera& camera);
 
-/// Where each unknown stands: first the cameras' and poses' (the reduced
-/// vector), then three a point. -1 = held.
+/// The same for a camera's twelve unknowns; 1 for the aspect and the time offset.
+CameraVector CameraScale(const Camera& camera);
+
+/// Where each unknown stands: the cameras', the poses', then three a point.
+/// -1 = held.
 struct UnknownIndex {
   explicit UnknownIndex(const Network& network);
-  std::vector<std::array<int, kNumInterior>> interior;
-  std::vector<int> pose;
-  std::vector<int> point;  ///< Counted from 0 behind the reduced vector, in points.
-  int num_reduced = 0;
-  int num_points = 0;
-  int num_unknowns() const { return num_reduced + 3 * num_points; }
+  std::vector<std::array<int, kNumCameraUnknowns>> camera;
+  std::vector<int> pose;    ///< first of six
+  std::vector<int> point;   ///< first of three
+  int num_orientation = 0;  ///< the cameras' and poses', which come first
+  int num_unknowns = 0;
 };
 
-/// "left A1", "stage 3 rx": the name of an unknown of the reduced vector.
+/// "left A1", "stage 3 rx", "point 7 x": the name of an unknown.
 std::string UnknownName(const Network& network, const UnknownIndex& index, int unknown);
+/// The names of all unknowns, in order.
+std::vector<std::string> UnknownNames(const Network& network, const UnknownIndex& index);
 
 }  // namespace videogrammetry

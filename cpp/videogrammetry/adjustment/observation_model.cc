@@ -25,11 +25,10 @@ void Chain(const Eigen::Matrix<double, 2, 3>& by_cam, const Rigid3* outer, const
   jacobians->by_point = by_rig * inner.rotation;
 }
 
-}  // namespace
-
-std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
-                                                 const Rigid3& inner, const Circle& mark,
-                                                 ImagePointJacobians* jacobians) {
+/// The lens' picture, square pixels at the nominal moment.
+std::optional<Eigen::Vector2d> LensPicture(const Camera& camera, const Rigid3* outer,
+                                           const Rigid3& inner, const Circle& mark,
+                                           ImagePointJacobians* jacobians) {
   const Eigen::Vector3d turned_inner = inner.rotation * mark.center_mm;
   const Eigen::Vector3d in_rig = turned_inner + inner.translation_mm;
   Eigen::Vector3d turned_outer = in_rig;
@@ -43,7 +42,7 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
     ProjectionJacobians projection;
     const std::optional<Eigen::Vector2d> pixel = Project(camera, in_cam, &projection);
     if (!pixel) return std::nullopt;
-    jacobians->by_interior = projection.by_interior;
+    jacobians->by_camera.leftCols<kNumInterior>() = projection.by_interior;
     Chain(projection.by_point, outer, inner, turned_outer, turned_inner, jacobians);
     return pixel;
   }
@@ -55,7 +54,7 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
   const std::optional<Eigen::Vector2d> pixel = ProjectEllipseCenter(
       camera, {in_cam, normal, mark.radius_mm}, jacobians != nullptr ? &ellipse : nullptr);
   if (!pixel || jacobians == nullptr) return pixel;
-  jacobians->by_interior = ellipse.by_interior;
+  jacobians->by_camera.leftCols<kNumInterior>() = ellipse.by_interior;
   Chain(ellipse.by_center, outer, inner, turned_outer, turned_inner, jacobians);
   Eigen::Matrix<double, 2, 3> by_rig = ellipse.by_normal;
   if (outer != nullptr) {
@@ -64,6 +63,42 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
   }
   jacobians->by_inner.leftCols<3>() += by_rig * MinusCross(normal_inner);
   return pixel;
+}
+
+}  // namespace
+
+std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
+                                                 const Rigid3& inner, const Circle& mark,
+                                                 const Sampling& sampling,
+                                                 ImagePointJacobians* jacobians) {
+  std::optional<Eigen::Vector2d> pixel = LensPicture(camera, outer, inner, mark, jacobians);
+  if (!pixel) return std::nullopt;
+  const double centre_y_px = camera.principal_point_px().y();
+  const double shrink = 1.0 / (1.0 + sampling.aspect);
+  const double from_centre_px = shrink * (pixel->y() - centre_y_px);
+  if (jacobians != nullptr) {
+    jacobians->by_camera.row(1) *= shrink;
+    // y0 moves the lens' picture and the row that is counted from alike.
+    jacobians->by_camera(1, kY0) = 1.0;
+    jacobians->by_camera.col(kAspect) << 0.0, -shrink * from_centre_px;
+    jacobians->by_camera.col(kTimeOffset) = sampling.velocity_px;
+    if (outer != nullptr) jacobians->by_outer.row(1) *= shrink;
+    jacobians->by_inner.row(1) *= shrink;
+    jacobians->by_point.row(1) *= shrink;
+  }
+  pixel->y() = centre_y_px + from_centre_px;
+  return *pixel + sampling.time_offset * sampling.velocity_px;
+}
+
+std::optional<Eigen::Vector2d> PredictImagePoint(const Network& network, int image_index, int point,
+                                                 const Eigen::Vector2d& velocity_px,
+                                                 ImagePointJacobians* jacobians) {
+  const NetworkImage& image = network.images[image_index];
+  const NetworkCamera& camera = network.cameras[image.camera];
+  const Rigid3* outer = image.outer < 0 ? nullptr : &network.poses[image.outer].transform;
+  return PredictImagePoint(camera.camera, outer, network.poses[image.inner].transform,
+                           network.points[point].mark(),
+                           {camera.aspect, camera.time_offset, velocity_px}, jacobians);
 }
 
 }  // namespace videogrammetry

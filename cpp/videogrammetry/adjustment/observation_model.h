@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "videogrammetry/adjustment/network.h"
 #include "videogrammetry/geometry/camera.h"
 #include "videogrammetry/geometry/circle.h"
 #include "videogrammetry/geometry/rigid3.h"
@@ -12,20 +13,39 @@ namespace videogrammetry {
 /// Derivatives of a predicted image point, px per unit of the unknown; poses
 /// as (rotation vector on the left, shift), see NetworkPose.
 struct ImagePointJacobians {
-  Eigen::Matrix<double, 2, kNumInterior> by_interior;
+  Eigen::Matrix<double, 2, kNumCameraUnknowns> by_camera;
   Eigen::Matrix<double, 2, 6> by_outer;
   Eigen::Matrix<double, 2, 6> by_inner;
   Eigen::Matrix<double, 2, 3> by_point;
 };
 
+/// What lies between the lens' picture (x, y) and the pixel that is measured.
+///
+/// Pixels that are (1 + aspect) times as high as wide are counted from the
+/// principal point's row c_y, before the distortion (its polynomial is a
+/// function of lengths in pixel widths), and a point that moves by velocity_px
+/// from picture to picture is met time_offset of that interval later:
+///   pixel = (x, c_y + (y - c_y) / (1 + aspect)) + time_offset velocity_px.
+struct Sampling {
+  double aspect = 0.0;
+  double time_offset = 0.0;
+  Eigen::Vector2d velocity_px = Eigen::Vector2d::Zero();
+};
+
 /// What a camera measures of a mark: Project(camera, outer * inner * point), or
-/// of a circle the centre of its ellipse (ProjectEllipseCenter).
+/// of a circle the centre of its ellipse (ProjectEllipseCenter); then Sampling.
 ///
 /// @param outer  nullptr = identity (by_outer is then left untouched).
 /// @param mark  a point or circle of the object; radius_mm 0 = a point.
 /// @return nullopt where the mark has no picture (see Project).
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
                                                  const Rigid3& inner, const Circle& mark,
+                                                 const Sampling& sampling = {},
+                                                 ImagePointJacobians* jacobians = nullptr);
+
+/// The same of a point in an image of the network.
+std::optional<Eigen::Vector2d> PredictImagePoint(const Network& network, int image, int point,
+                                                 const Eigen::Vector2d& velocity_px,
                                                  ImagePointJacobians* jacobians = nullptr);
 
 }  // namespace videogrammetry

@@ -6,7 +6,7 @@
 namespace videogrammetry {
 namespace {
 
-/// Linear estimates of the interior parameters and their covariance.
+/// Linear estimates of the cameras' parameters and their covariance.
 struct Estimates {
   Eigen::VectorXd value;  // minus the start value
   Eigen::MatrixXd cov;
@@ -14,28 +14,25 @@ struct Estimates {
   std::vector<bool> out;
 };
 
-Estimates InteriorEstimates(const Network& network, const Dispersion& dispersion) {
+Estimates CameraEstimates(const Network& network, const Dispersion& dispersion) {
   std::vector<int> place;
   Estimates e;
   for (std::size_t c = 0; c < network.cameras.size(); ++c) {
-    for (int k = 0; k < kNumInterior; ++k) {
-      if (dispersion.index().interior[c][k] < 0) continue;
-      place.push_back(dispersion.index().interior[c][k]);
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
+      if (dispersion.index().camera[c][k] < 0) continue;
+      place.push_back(dispersion.index().camera[c][k]);
       e.camera.push_back(static_cast<int>(c));
       e.parameter.push_back(k);
     }
   }
   const Eigen::Index n = static_cast<Eigen::Index>(place.size());
   e.value.resize(n);
-  e.cov.resize(n, n);
   e.out.assign(place.size(), false);
   for (Eigen::Index i = 0; i < n; ++i) {
     const NetworkCamera& camera = network.cameras[e.camera[i]];
-    e.value[i] = camera.camera.interior[e.parameter[i]] - camera.start[e.parameter[i]];
-    for (Eigen::Index j = 0; j < n; ++j) {
-      e.cov(i, j) = dispersion.cov_reduced()(place[i], place[j]);
-    }
+    e.value[i] = camera.values()[e.parameter[i]] - camera.start[e.parameter[i]];
   }
+  e.cov = dispersion.Covariance(place, place);
   return e;
 }
 
@@ -58,25 +55,26 @@ void HoldAtStart(Network* network, const Dispersion& dispersion,
   for (const DroppedParameter& d : dropped) {
     const NetworkCamera& camera = network->cameras[d.camera];
     change[static_cast<Eigen::Index>(which.size())] =
-        camera.start[d.parameter] - camera.camera.interior[d.parameter];
-    which.push_back(dispersion.index().interior[d.camera][d.parameter]);
+        camera.start[d.parameter] - camera.values()[d.parameter];
+    which.push_back(dispersion.index().camera[d.camera][d.parameter]);
   }
   if (which.empty()) return;
   dispersion.ApplyCondition(which, change, network);
   for (const DroppedParameter& d : dropped) {
     NetworkCamera& camera = network->cameras[d.camera];
     camera.free[d.parameter] = false;
-    camera.camera.interior[d.parameter] = camera.start[d.parameter];
+    CameraVector values = camera.values();
+    values[d.parameter] = camera.start[d.parameter];
+    camera.set_values(values);
   }
 }
 
 }  // namespace
 
-std::vector<DroppedParameter> DropInsignificant(
-    Network* network, const Dispersion& dispersion,
-    const std::vector<std::array<bool, kNumInterior>>& offered, double sigma0,
-    double critical_value) {
-  Estimates e = InteriorEstimates(*network, dispersion);
+std::vector<DroppedParameter> DropInsignificant(Network* network, const Dispersion& dispersion,
+                                                const std::vector<CameraMask>& offered,
+                                                double sigma0, double critical_value) {
+  Estimates e = CameraEstimates(*network, dispersion);
   std::vector<DroppedParameter> dropped;
   while (true) {
     std::size_t weakest = e.out.size();
@@ -113,9 +111,9 @@ std::vector<DroppedParameter> HoldUndetermined(Network* network, const Dispersio
     DroppedParameter worst;
     double largest = 1.0;
     for (const int k : {kF, kX0, kY0}) {
-      const int u = dispersion.index().interior[c][k];
+      const int u = dispersion.index().camera[c][k];
       if (u < 0) continue;
-      const double sigma = sigma0 * std::sqrt(dispersion.cov_reduced()(u, u));
+      const double sigma = sigma0 * std::sqrt(dispersion.Covariance({u}, {u})(0, 0));
       const double ratio = sigma / (k == kF ? 0.1 * camera.camera.f_px() : 0.25 * side);
       if (ratio <= largest) continue;
       largest = ratio;

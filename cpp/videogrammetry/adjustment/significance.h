@@ -6,17 +6,17 @@
 
 namespace videogrammetry {
 
-/// An interior parameter that is no longer estimated, and why.
+/// A camera's parameter that is no longer estimated, and why.
 struct DroppedParameter {
   int camera = 0;
-  int parameter = 0;  ///< InteriorIndex
+  int parameter = 0;  ///< InteriorIndex or CameraUnknown
   double value = 0.0;
   double sigma = 0.0;
   /// True: not determined by the observations; false: not significant.
   bool undetermined = false;
 };
 
-/// Backward elimination of the distortion parameters that differ from their
+/// Backward elimination of the parameters (distortion, aspect, time offset) that differ from their
 /// start value (0 unless given) by less than `critical_value` of their
 /// standard deviations.
 ///
@@ -31,10 +31,9 @@ struct DroppedParameter {
 /// @param sigma0   a-posteriori factor on the dispersion.
 /// @return what was dropped; `network` holds them at their start values, and
 ///     other values are the linear update's.
-std::vector<DroppedParameter> DropInsignificant(
-    Network* network, const Dispersion& dispersion,
-    const std::vector<std::array<bool, kNumInterior>>& offered, double sigma0,
-    double critical_value);
+std::vector<DroppedParameter> DropInsignificant(Network* network, const Dispersion& dispersion,
+                                                const std::vector<CameraMask>& offered,
+                                                double sigma0, double critical_value);
 
 /// f, x0 and y0 whose standard deviation exceeds what a camera's construction
 /// leaves open (f: 10 % of itself; x0, y0: a quarter of the picture's larger

@@ -46,4 +46,53 @@ SnoopingChange SnoopOnce(Network* network, const std::vector<ObservationStatisti
   return change;
 }
 
+SnoopingChange SnoopPriorsOnce(Network* network,
+                               const std::vector<ObservationStatistics>& statistics,
+                               const std::vector<BarStatistics>& bars,
+                               const std::vector<PointStatistics>& points, double critical_value,
+                               std::vector<int>* bar_rounds_out,
+                               std::vector<int>* point_rounds_out) {
+  SnoopingChange change;
+  double largest = critical_value;
+  for (std::size_t i = 0; i < statistics.size(); ++i) {
+    if (!network->observations[i].used || !statistics[i].valid) continue;
+    largest = std::max(largest, LargestW(statistics[i]));
+  }
+  int worst_bar = -1, worst_point = -1;
+  for (std::size_t b = 0; b < bars.size(); ++b) {
+    NetworkScaleBar& bar = network->scale_bars[b];
+    const double w = std::abs(bars[b].normalised);
+    if (bar.used && w > largest) {
+      largest = w;
+      worst_bar = static_cast<int>(b);
+    } else if (!bar.used && w <= critical_value && (*bar_rounds_out)[b] <= 1) {
+      bar.used = true;
+      ++change.readmitted;
+    }
+  }
+  for (std::size_t p = 0; p < points.size(); ++p) {
+    if (!points[p].valid) continue;
+    NetworkPoint& point = network->points[p];
+    if (point.prior_used && points[p].test > largest) {
+      largest = points[p].test;
+      worst_point = static_cast<int>(p);
+    } else if (!point.prior_used && points[p].test <= critical_value &&
+               (*point_rounds_out)[p] <= 1) {
+      point.prior_used = true;
+      ++change.readmitted;
+    }
+  }
+  if (worst_point >= 0) {
+    network->points[worst_point].prior_used = false;
+    ++(*point_rounds_out)[worst_point];
+    ++change.rejected;
+  } else if (worst_bar >= 0) {
+    network->scale_bars[worst_bar].used = false;
+    ++(*bar_rounds_out)[worst_bar];
+    ++change.rejected;
+  }
+  network->prior_block.Update(network->points);
+  return change;
+}
+
 }  // namespace videogrammetry

@@ -23,4 +23,16 @@ struct SnoopingChange {
 SnoopingChange SnoopOnce(Network* network, const std::vector<ObservationStatistics>& statistics,
                          double critical_value, std::vector<int>* rounds_out);
 
+/// The same of the scale bars and the points' a-priori positions, a point's three
+/// coordinates together: rejects the one with the largest |w|, re-admits
+/// what fits again. Nothing is rejected while an image point has a larger |w|.
+///
+/// @param bar_rounds_out, point_rounds_out  as above, of the bars and of the points.
+SnoopingChange SnoopPriorsOnce(Network* network,
+                               const std::vector<ObservationStatistics>& statistics,
+                               const std::vector<BarStatistics>& bars,
+                               const std::vector<PointStatistics>& points, double critical_value,
+                               std::vector<int>* bar_rounds_out,
+                               std::vector<int>* point_rounds_out);
+
 }  // namespace videogrammetry

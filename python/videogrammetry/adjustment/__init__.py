@@ -1,12 +1,15 @@
 """Photogrammetric adjustment: start values, bundle, covariance, data snooping."""
 
 from videogrammetry.adjustment.network import (
+    CAMERA_UNKNOWNS,
     Adjustment,
     AdjustOptions,
     CameraVariance,
     Dispersion,
     DroppedParameter,
     Network,
+    PointPriorStatistics,
+    ScaleBarStatistics,
 )
 from videogrammetry.adjustment.robust import robust_bundle
 from videogrammetry.adjustment.start import (
@@ -22,6 +25,7 @@ from videogrammetry.adjustment.start import (
 )
 
 __all__ = [
+    "CAMERA_UNKNOWNS",
     "AdjustOptions",
     "Adjustment",
     "CameraVariance",
@@ -29,9 +33,11 @@ __all__ = [
     "Dlt",
     "DroppedParameter",
     "Network",
+    "PointPriorStatistics",
     "PoseCandidate",
     "RelativeCandidate",
     "RelativeOrientation",
+    "ScaleBarStatistics",
     "direct_linear_transform",
     "principal_extents",
     "relative_orientation",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,12 @@ from videogrammetry.geometry import camera_model
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, RigCamera
 
 POINT_KINDS = ("fixed", "weighted", "free")
+DATUMS = ("fixed", "weighted", "free")
+
+#: What can be estimated of a camera: the ten interior parameters, the pixels'
+#: height over width less 1, and the moment of exposure as a part of the interval
+#: between pictures.
+CAMERA_UNKNOWNS = (*INTERIOR_NAMES, "aspect", "time_offset")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +38,8 @@ class AdjustOptions:
     robust_start : begin with Cauchy's loss (needed unless the start is the solution).
     significance : drop offered distortion parameters below this many standard
         deviations; 0 = keep all.
+    baarda : True: the standard deviations are those stated; False: sigma0 is
+        estimated from the network itself and the test is Pope's tau.
     max_rounds : adjustments between changes of weights and observations, at most.
     num_threads : 0 = one a core.
     """
@@ -39,13 +48,14 @@ class AdjustOptions:
     estimate_floor: bool = True
     robust_start: bool = True
     significance: float = 0.0
+    baarda: bool = True
     max_rounds: int = 30
     num_threads: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class DroppedParameter:
-    """An interior parameter not estimated: not significant, or ``undetermined``."""
+    """A camera's parameter not estimated: not significant, or ``undetermined``."""
 
     camera: int
     name: str
@@ -65,11 +75,50 @@ class CameraVariance:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ScaleBarStatistics:
+    """What an adjustment says about the scale bars, (B,) each.
+
+    ``residual_mm`` given - adjusted length; ``normalised`` Baarda's w;
+    ``redundancy`` the share of an error that shows in the residual; ``used``
+    False where rejected.
+    """
+
+    residual_mm: FloatArray
+    normalised: FloatArray
+    redundancy: FloatArray
+    used: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointPriorStatistics:
+    """The same about the points' a-priori positions; zeros where there is none.
+
+    Attributes
+    ----------
+    residual_mm : (N, 3), a priori - adjusted.
+    normalised : (N, 3), per coordinate.
+    test : (N,) the three together, chi-square, as the |w| of the same probability.
+    redundancy : (N,) of the three together.
+    used : (N,) whether the a-priori position takes part.
+    starved : (N,) True: too few pictures for a position; its covariance is NaN.
+    """
+
+    residual_mm: FloatArray
+    normalised: FloatArray
+    test: FloatArray
+    redundancy: FloatArray
+    used: npt.NDArray[np.bool_]
+    starved: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Adjustment:
     """Summary of an adjustment; (M, 2) arrays per observation, used or not.
 
     ``residual_px`` measured - adjusted; ``normalised`` Baarda's w;
     ``redundancy_numbers`` diagonal of Qvv P; ``used`` False where rejected.
+    ``point_factor`` and ``bar_factor`` are the variance components of the
+    a-priori positions and the scale bars, 1 where their covariances are true.
     """
 
     converged: bool
@@ -81,12 +130,16 @@ class Adjustment:
     redundancy: int
     point_factor: float
     point_redundancy: float
+    bar_factor: float
+    bar_redundancy: float
     cameras: tuple[CameraVariance, ...]
     dropped: tuple[DroppedParameter, ...]
     residual_px: FloatArray
     normalised: FloatArray
     redundancy_numbers: FloatArray
     used: npt.NDArray[np.bool_]
+    scale_bars: ScaleBarStatistics
+    points: PointPriorStatistics
     rounds: int
 
 
@@ -94,19 +147,54 @@ class Adjustment:
 class Dispersion:
     """Covariance of the unknowns, a priori (times sigma0^2: a posteriori).
 
+    The unknowns are the cameras', the poses' and the points', in this order.
+
     Attributes
     ----------
-    cov : (U, U) of the cameras' and poses' unknowns.
-    interior_index : per camera, ten places in ``cov`` or -1.
+    camera_index : per camera, twelve places (``CAMERA_UNKNOWNS``) or -1.
     pose_index : per pose, its first place (rx, ry, rz, tx, ty, tz) or -1.
-    point_cov_mm2 : (N, 3, 3).
+    point_index : per point, its first place (x, y, z) or -1.
+    unknown_names : "left A1", "stage 3 rx", "point 7 x", ...
     """
 
-    cov: FloatArray
-    interior_index: IntArray
+    camera_index: IntArray
     pose_index: IntArray
-    point_cov_mm2: FloatArray
+    point_index: IntArray
+    unknown_names: tuple[str, ...]
     handle: Any = field(repr=False)
+
+    @property
+    def interior_index(self) -> IntArray:
+        """Per camera, the ten places of its interior parameters or -1."""
+        return self.camera_index[:, : len(INTERIOR_NAMES)]
+
+    @cached_property
+    def cov(self) -> FloatArray:
+        """(U, U) of the cameras' and poses' unknowns, which come first."""
+        return np.asarray(self.handle.cov_orientation())
+
+    @cached_property
+    def point_cov_mm2(self) -> FloatArray:
+        """(N, 3, 3); zero of fixed points, NaN of points that nothing determines."""
+        return np.reshape(_adjustment.point_covariances(self.handle), (-1, 3, 3))
+
+    def covariance(self, a: Sequence[int], b: Sequence[int] | None = None) -> FloatArray:
+        """Covariance between two sets of unknowns (places); ``b`` None: of ``a`` alone."""
+        rows_a = [int(u) for u in a]
+        columns = rows_a if b is None else [int(u) for u in b]
+        for place in (*rows_a, *columns):
+            if not 0 <= place < len(self.unknown_names):
+                raise ValueError(
+                    f"unknown: expected 0 to {len(self.unknown_names) - 1}, got {place}"
+                )
+        return np.asarray(self.handle.covariance(rows_a, columns))
+
+    def point_covariance(self, rows: npt.ArrayLike) -> FloatArray:
+        """(3K, 3K) of some points, correlations included."""
+        points = np.asarray(rows, dtype=int)
+        if ((points < 0) | (points >= len(self.point_index))).any():
+            raise ValueError(f"rows: expected 0 to {len(self.point_index) - 1}, got {points}")
+        return np.asarray(self.handle.point_covariance(points.tolist()))
 
     def predict(self, image: npt.ArrayLike, point: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Pictures (N, 2) of points in images and their covariances (N, 3); NaN where none."""
@@ -114,9 +202,8 @@ class Dispersion:
         return xy, cov
 
     def full_covariance(self) -> FloatArray:
-        """Covariance of all unknowns, the points' three each at the end."""
-        result: FloatArray = self.handle.full_covariance()
-        return result
+        """Covariance of all unknowns, in the order of ``unknown_names``."""
+        return np.asarray(self.handle.full_covariance())
 
 
 class Network:
@@ -160,16 +247,37 @@ class Network:
         prior_sigma: Mapping[str, float] | None = None,
         start: npt.ArrayLike | None = None,
         floor_px: float = 0.0,
+        aspect: float = 0.0,
+        time_offset: float = 0.0,
     ) -> int:
-        """Add a camera; ``start``: values of held or observed parameters (its interior)."""
-        prior = np.zeros(len(INTERIOR_NAMES))
+        """Add a camera.
+
+        Parameters
+        ----------
+        free, prior_sigma : names of ``CAMERA_UNKNOWNS``; what is estimated, and with
+            which standard deviation its value in ``start`` is observed.
+        start : (10,) or (12,) values of held or observed parameters (its interior).
+        aspect : pixel height over width less 1: y from the principal point times
+            (1 + aspect) enters the distortion.
+        time_offset : part of the interval between pictures by which this camera is late:
+            measured = predicted + time_offset * velocity_px of the observation.
+
+        Raises
+        ------
+        ValueError : a name that is none of ``CAMERA_UNKNOWNS``.
+        """
+        _check_names("free", free)
+        _check_names("prior_sigma", prior_sigma or ())
+        prior = np.zeros(len(CAMERA_UNKNOWNS))
         for key, sigma in (prior_sigma or {}).items():
-            prior[INTERIOR_NAMES.index(key)] = sigma
-        held = camera.interior if start is None else np.asarray(start, dtype=float)
-        mask = [parameter in free for parameter in INTERIOR_NAMES]
+            prior[CAMERA_UNKNOWNS.index(key)] = sigma
+        held = np.array([*camera.interior, aspect, time_offset], dtype=float)
+        if start is not None:
+            values = np.asarray(start, dtype=float)
+            held[: len(values)] = values
         self._names.append(name)
         index: int = self._network.add_camera(
-            name, camera_model(camera), mask, held, prior, floor_px
+            name, camera_model(camera), _mask(free), held, prior, floor_px, aspect, time_offset
         )
         return index
 
@@ -198,19 +306,88 @@ class Network:
         position_mm: npt.ArrayLike,
         cov_mm2: FloatArray | None = None,
         *,
-        kind: str | None = None,
+        kind: str | Sequence[str] | None = None,
     ) -> None:
-        """Set the object points (N, 3); with ``cov_mm2`` (N, 3, 3) weighted, else fixed."""
-        kind = kind or ("fixed" if cov_mm2 is None else "weighted")
-        if kind not in POINT_KINDS:
-            raise ValueError(f"kind: expected one of {', '.join(POINT_KINDS)}, got {kind!r}")
+        """Set the object points (N, 3); with ``cov_mm2`` (N, 3, 3) weighted, else fixed.
+
+        Parameters
+        ----------
+        kind : "fixed", "weighted" or "free", of all points or one a point;
+            ``cov_mm2`` is read where it is "weighted".
+        """
+        positions = rows(position_mm, 3, "position_mm")
+        kind = kind if kind is not None else ("fixed" if cov_mm2 is None else "weighted")
+        kinds = [kind] * len(positions) if isinstance(kind, str) else [str(k) for k in kind]
+        if len(kinds) != len(positions):
+            raise ValueError(f"kind: expected one a point ({len(positions)}), got {len(kinds)}")
+        for each in kinds:
+            if each not in POINT_KINDS:
+                raise ValueError(f"kind: expected one of {', '.join(POINT_KINDS)}, got {each!r}")
         cov = np.zeros((0, 9)) if cov_mm2 is None else np.reshape(cov_mm2, (-1, 9))
         self._network.set_points(
             np.asarray(point_id, np.int32),
-            rows(position_mm, 3, "position_mm"),
+            positions,
             np.ascontiguousarray(cov, dtype=float),
-            getattr(_adjustment.PointKind, kind.upper()),
+            [getattr(_adjustment.PointKind, each.upper()) for each in kinds],
         )
+
+    def set_point_prior(
+        self, rows: npt.ArrayLike, mean_mm: npt.ArrayLike, cov_mm2: npt.ArrayLike
+    ) -> None:
+        """Observe some weighted points together, with their full covariance.
+
+        A covariance that is singular because it came from a free network gets a
+        variance along the datum's directions (shift, rotation, then scale) of the
+        size of its average variance: poses absorb such motions, so that what the
+        network estimates does not change by it.
+
+        Parameters
+        ----------
+        rows : (K,) rows of ``set_points``, of kind "weighted".
+        mean_mm : (K, 3) a-priori positions; cov_mm2 : (3K, 3K).
+
+        Raises
+        ------
+        ValueError : other shapes, a point that is not weighted or named twice, or a covariance
+            that is singular in more than that.
+        """
+        self._network.set_point_prior(
+            np.asarray(rows, int).tolist(),
+            np.asarray(mean_mm, float).ravel(),
+            np.asarray(cov_mm2, float),
+        )
+
+    def set_scale_bars(
+        self,
+        a: npt.ArrayLike,
+        b: npt.ArrayLike,
+        length_mm: npt.ArrayLike,
+        sigma_mm: npt.ArrayLike,
+    ) -> None:
+        """Set known distances (B,) between points ``a`` and ``b`` (rows of the points)."""
+        first, second = (
+            np.atleast_1d(np.asarray(a, np.int32)),
+            np.atleast_1d(np.asarray(b, np.int32)),
+        )
+        lengths = np.atleast_1d(np.asarray(length_mm, float))
+        sigmas = np.broadcast_to(np.asarray(sigma_mm, float), lengths.shape)
+        if not len(first) == len(second) == len(lengths):
+            raise ValueError(
+                "scale bars: expected as many points a and b as lengths, got "
+                f"{len(first)}, {len(second)} and {len(lengths)}"
+            )
+        self._network.set_scale_bars(first, second, lengths, np.ascontiguousarray(sigmas))
+
+    def set_datum(self, datum: str) -> None:
+        """Say what the object's frame rests on.
+
+        "fixed" and "weighted": on such points, or held poses. "free": inner
+        constraints over all points (shift, rotation, and scale where no scale bar
+        gives it); the points end where they fit their start values best.
+        """
+        if datum not in DATUMS:
+            raise ValueError(f"datum: expected one of {', '.join(DATUMS)}, got {datum!r}")
+        self._network.set_datum(getattr(_adjustment.Datum, datum.upper()))
 
     def set_circles(self, normal: npt.ArrayLike, diameter_mm: npt.ArrayLike) -> None:
         """Say that points are centres of circles, whose ellipses' centres are observed.
@@ -244,9 +421,15 @@ class Network:
         xy_px: npt.ArrayLike,
         cov_px2: npt.ArrayLike,
         used: npt.ArrayLike | None = None,
+        velocity_px: npt.ArrayLike | None = None,
     ) -> None:
-        """Set the image points: indices (M,), positions (M, 2), covariances (M, 3) xx, xy, yy."""
+        """Set the image points: indices (M,), positions (M, 2), covariances (M, 3) xx, xy, yy.
+
+        ``velocity_px`` (M, 2): motion of the image point from picture to picture, which
+        the cameras' ``time_offset`` is estimated from; None: at rest.
+        """
         image = np.asarray(image, np.int32)
+        velocity = np.zeros((len(image), 2)) if velocity_px is None else velocity_px
         mask = np.ones(len(image), bool) if used is None else np.asarray(used, bool)
         self._network.set_observations(
             image,
@@ -254,11 +437,13 @@ class Network:
             rows(xy_px, 2, "xy_px"),
             rows(cov_px2, 3, "cov_px2"),
             mask.tolist(),
+            rows(velocity, 2, "velocity_px"),
         )
 
     def set_free(self, camera: int, free: Sequence[str]) -> None:
-        """Choose which interior parameters of a camera are estimated."""
-        self._network.set_free(camera, [name in free for name in INTERIOR_NAMES])
+        """Choose which of ``CAMERA_UNKNOWNS`` of a camera are estimated."""
+        _check_names("free", free)
+        self._network.set_free(camera, _mask(free))
 
     def set_pose(self, pose: int, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike) -> None:
         """Replace a pose's values."""
@@ -268,14 +453,18 @@ class Network:
         """The ten interior parameters of a camera as they stand."""
         return np.array(self._network.camera(camera).interior)
 
+    def camera_unknowns(self, camera: int) -> FloatArray:
+        """(12,) the values of ``CAMERA_UNKNOWNS`` of a camera as they stand."""
+        return np.array(self._network.camera_values(camera))
+
     def model(self, camera: int) -> Any:
         """The C++ camera as it stands, for :func:`~videogrammetry.adjustment.start.resect`."""
         return self._network.camera(camera)
 
     def free(self, camera: int) -> tuple[str, ...]:
-        """Names of the interior parameters that are estimated."""
+        """Names of a camera's parameters that are estimated."""
         mask = self._network.free(camera)
-        return tuple(name for name, is_free in zip(INTERIOR_NAMES, mask, strict=True) if is_free)
+        return tuple(name for name, is_free in zip(CAMERA_UNKNOWNS, mask, strict=True) if is_free)
 
     def floor_px(self, camera: int) -> float:
         """The camera's estimated floor of the image points' standard deviation."""
@@ -316,7 +505,7 @@ class Network:
         for name in AdjustOptions.__dataclass_fields__:
             setattr(native, name, getattr(options, name))
         if offered is not None:
-            native.offered = [[name in names for name in INTERIOR_NAMES] for names in offered]
+            native.offered = [_mask(names) for names in offered]
         try:
             result = _adjustment.adjust(self._network, native)
         except _TaskError as error:
@@ -333,7 +522,7 @@ class Network:
             dropped=tuple(
                 DroppedParameter(
                     camera=d.camera,
-                    name=INTERIOR_NAMES[d.parameter],
+                    name=CAMERA_UNKNOWNS[d.parameter],
                     value=d.value,
                     sigma=d.sigma,
                     undetermined=d.undetermined,
@@ -344,9 +533,17 @@ class Network:
             normalised=statistics["normalised"],
             redundancy_numbers=statistics["redundancy"],
             used=self.used,
+            scale_bars=ScaleBarStatistics(
+                **result.bars, used=np.array(self._network.bars_used, dtype=bool)
+            ),
+            points=PointPriorStatistics(
+                **result.points,
+                used=np.array(self._network.priors_used, dtype=bool),
+                starved=np.array(self._network.starved, dtype=bool),
+            ),
         )
 
-    def dispersion(self) -> Dispersion:
+    def dispersion(self, *, num_threads: int = 0) -> Dispersion:
         """Covariance of the unknowns at the present values.
 
         Raises
@@ -354,17 +551,28 @@ class Network:
         CalibrationError : rank defect.
         """
         try:
-            handle = _adjustment.Dispersion(self._network)
+            handle = _adjustment.Dispersion(self._network, num_threads)
         except _TaskError as error:
             raise CalibrationError(str(error)) from error
-        cov = _adjustment.point_covariances(self._network, handle)
         return Dispersion(
-            cov=handle.cov_reduced,
-            interior_index=np.array(handle.interior_index, np.int32).reshape(-1, 10),
+            camera_index=np.array(handle.camera_index, np.int32).reshape(-1, len(CAMERA_UNKNOWNS)),
             pose_index=np.array(handle.pose_index, np.int32),
-            point_cov_mm2=np.reshape(cov, (-1, 3, 3)),
+            point_index=np.array(handle.point_index, np.int32),
+            unknown_names=tuple(handle.names(self._network)),
             handle=handle,
         )
+
+
+def _mask(names: Sequence[str]) -> list[bool]:
+    return [name in names for name in CAMERA_UNKNOWNS]
+
+
+def _check_names(argument: str, names: Iterable[str]) -> None:
+    for name in names:
+        if name not in CAMERA_UNKNOWNS:
+            raise ValueError(
+                f"{argument}: expected names of {', '.join(CAMERA_UNKNOWNS)}, got {name!r}"
+            )
 
 
 _COPIED = (
@@ -377,5 +585,7 @@ _COPIED = (
     "redundancy",
     "point_factor",
     "point_redundancy",
+    "bar_factor",
+    "bar_redundancy",
     "rounds",
 )

@@ -33,12 +33,12 @@ TEST(Dispersion, CovarianceAgreesWithMonteCarlo) {
     ASSERT_TRUE(SolveBundle(&network, {}).converged);
     const Dispersion dispersion(network);
     const UnknownIndex& index = dispersion.index();
-    unknowns = index.num_reduced;
+    unknowns = index.num_orientation;
     Eigen::VectorXd error(unknowns), scale(unknowns);
     for (std::size_t c = 0; c < truth.cameras.size(); ++c) {
       for (int k = 0; k < kNumInterior; ++k) {
-        if (index.interior[c][k] < 0) continue;
-        error[index.interior[c][k]] =
+        if (index.camera[c][k] < 0) continue;
+        error[index.camera[c][k]] =
             network.cameras[c].camera.interior[k] - truth.cameras[c].camera.interior[k];
       }
     }
@@ -48,9 +48,9 @@ TEST(Dispersion, CovarianceAgreesWithMonteCarlo) {
       error.segment<3>(index.pose[p]) = VectorFromRotation(a.rotation * b.rotation.transpose());
       error.segment<3>(index.pose[p] + 3) = a.translation_mm - b.translation_mm;
     }
-    scale = dispersion.cov_reduced().diagonal().cwiseSqrt().cwiseInverse();
+    scale = dispersion.CovOrientation().diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::MatrixXd correlation =
-        scale.asDiagonal() * dispersion.cov_reduced() * scale.asDiagonal();
+        scale.asDiagonal() * dispersion.CovOrientation() * scale.asDiagonal();
     const Eigen::VectorXd e = scale.cwiseProduct(error);
     sum += e.dot(correlation.llt().solve(e));
   }
@@ -68,7 +68,7 @@ TEST(Dispersion, FullCovarianceIsTheInverseOfTheNormalMatrix) {
   Network network = synthetic::MakeRig(&random, options);
   const Dispersion dispersion(network);
   const Eigen::MatrixXd full = dispersion.FullCovariance();
-  const int u = dispersion.index().num_reduced;
+  const int u = dispersion.index().num_orientation;
   ASSERT_EQ(full.rows(), u + 3 * options.num_points);
   EXPECT_LT((full - full.transpose()).norm(), 1e-9 * full.norm());
   for (int p = 0; p < options.num_points; ++p) {
@@ -87,7 +87,8 @@ TEST(Dispersion, RedundancyNumbersAddUp) {
     synthetic::AddNoise(&random, &network);
     SolveBundle(&network, {});
     const Dispersion dispersion(network);
-    double sum = dispersion.point_redundancy();
+    double sum = 0.0;
+    for (const PointStatistics& s : dispersion.StatisticsOfPoints()) sum += s.redundancy;
     for (const ObservationStatistics& s : dispersion.Statistics()) sum += s.redundancy.sum();
     EXPECT_NEAR(sum, dispersion.redundancy(), 1e-5 * dispersion.redundancy()) << "seed " << seed;
     // v'Pv / redundancy scatters by sqrt(2 / r): four times that.
@@ -132,7 +133,7 @@ TEST(Significance, LinearDropEqualsAdjustmentWithoutTheParameter) {
   synthetic::AddNoise(&random, &network);
   SolveBundle(&network, {});
   Network other = network;
-  std::vector<std::array<bool, kNumInterior>> offered(2);
+  std::vector<CameraMask> offered(2);
   offered[0][kE1] = offered[1][kE2] = true;
   const auto dropped = DropInsignificant(&network, Dispersion(network), offered, 1.0, 1e9);
   ASSERT_EQ(dropped.size(), 2u);
@@ -143,9 +144,9 @@ TEST(Significance, LinearDropEqualsAdjustmentWithoutTheParameter) {
   const Dispersion dispersion(other);
   for (std::size_t c = 0; c < 2; ++c) {
     for (int k = 0; k < kNumInterior; ++k) {
-      const int u = dispersion.index().interior[c][k];
+      const int u = dispersion.index().camera[c][k];
       if (u < 0) continue;
-      const double sigma = std::sqrt(dispersion.cov_reduced()(u, u));
+      const double sigma = std::sqrt(dispersion.CovOrientation()(u, u));
       // Second-order terms: a small share of a standard deviation.
       EXPECT_NEAR(network.cameras[c].camera.interior[k], other.cameras[c].camera.interior[k],
                   0.05 * sigma)

@@ -63,7 +63,7 @@ void CheckJacobians(double radius_mm) {
     }
     ImagePointJacobians j;
     ASSERT_TRUE(
-        PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm}, &j))
+        PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm}, {}, &j))
         << "seed " << seed;
     const InteriorVector scale = InteriorScale(s.camera);
     const std::string name = "seed " + std::to_string(seed) + " ";
@@ -75,7 +75,7 @@ void CheckJacobians(double radius_mm) {
         return Predict(t);
       };
       const double h = scale[k] * (k <= kY0 ? 1.0 : 1e-3);
-      ExpectClose(j.by_interior.col(k), Numerical(change, h), name + kInteriorNames[k]);
+      ExpectClose(j.by_camera.col(k), Numerical(change, h), name + kInteriorNames[k]);
     }
     for (int k = 0; k < 6; ++k) {
       const double h = k < 3 ? 1e-3 : 1.0;

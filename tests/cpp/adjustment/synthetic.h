@@ -46,7 +46,8 @@ inline Network MakeRig(std::mt19937* random, const Options& options) {
     camera.camera = MakeCamera(options.f_px + 30 * c);
     camera.free.fill(true);
     camera.free[kA3] = camera.free[kA2] = false;
-    camera.start = camera.camera.interior;
+    camera.free[kAspect] = camera.free[kTimeOffset] = false;
+    camera.start = camera.values();
     n.cameras.push_back(camera);
     const Eigen::Matrix3d turn = RotationFromVector({0.02 * c, 0.5 * c, 0.01 * c});
     // All look at (0, 0, 3000) from 3 m.

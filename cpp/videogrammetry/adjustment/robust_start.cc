@@ -1,0 +1,133 @@
+#include "videogrammetry/adjustment/robust_start.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "videogrammetry/adjustment/datum.h"
+#include "videogrammetry/adjustment/observation_model.h"
+#include "videogrammetry/core/errors.h"
+
+namespace videogrammetry {
+namespace {
+
+// While the values are only start values, an error of several pixels is
+// normal: this floor keeps the weights finite and Cauchy's loss out of its tail.
+constexpr double kStartFloorPx = 1.0;
+
+void SetFloors(Network* network, const std::vector<double>& floors) {
+  for (std::size_t c = 0; c < floors.size(); ++c) network->cameras[c].floor_px = floors[c];
+}
+
+std::vector<ObservationStatistics> PlainResiduals(const Network& network) {
+  std::vector<ObservationStatistics> all(network.observations.size());
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const NetworkObservation& o = network.observations[i];
+    const auto pixel = PredictImagePoint(network, o.image, o.point, o.velocity_px);
+    if (!pixel) continue;
+    all[i].valid = true;
+    all[i].residual_px = o.xy_px - *pixel;
+  }
+  return all;
+}
+
+/// Brings a free network to the median scale of its bars: with a scale far off, every bar
+/// would look like an outlier to the robust loss.
+void ScaleToBars(Network* network) {
+  if (FreeDatumSize(*network) != 6) return;
+  std::vector<double> ratios;
+  for (const NetworkScaleBar& bar : network->scale_bars) {
+    const double length_mm =
+        (network->points[bar.a].position_mm - network->points[bar.b].position_mm).norm();
+    if (bar.used && length_mm > 0) ratios.push_back(bar.length_mm / length_mm);
+  }
+  if (ratios.empty()) return;
+  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  for (NetworkPoint& p : network->points) p.position_mm *= *middle;
+  for (NetworkPose& p : network->poses) {
+    if (p.free) p.transform.translation_mm *= *middle;
+  }
+}
+
+/// Scale bars and a-priori positions beyond `limit` standard deviations, those of the
+/// adjusted lengths and positions included; unless too few would stay.
+void SetPriorsAside(Network* network, double limit) {
+  const auto is_observed = [](const NetworkPoint& p) { return p.is_observed(); };
+  const auto is_used = [](const NetworkScaleBar& b) { return b.used; };
+  if (std::none_of(network->points.begin(), network->points.end(), is_observed) &&
+      std::none_of(network->scale_bars.begin(), network->scale_bars.end(), is_used)) {
+    return;
+  }
+  Network changed = *network;
+  try {
+    const Dispersion dispersion(*network);
+    const std::vector<BarStatistics> bars = dispersion.StatisticsOfBars();
+    for (std::size_t b = 0; b < bars.size(); ++b) {
+      NetworkScaleBar& bar = changed.scale_bars[b];
+      // 1 - redundancy is the adjusted length's variance over the given one's.
+      const double sigma = bar.sigma_mm * std::sqrt(2.0 - bars[b].redundancy);
+      bar.used = bar.used && std::abs(bars[b].residual_mm) < limit * sigma;
+    }
+    for (std::size_t p = 0; p < changed.points.size(); ++p) {
+      NetworkPoint& point = changed.points[p];
+      if (!point.is_observed()) continue;
+      const Eigen::Vector3d v = point.prior_mm - point.position_mm;
+      const Eigen::Matrix3d total = point.prior_cov_mm2 + dispersion.CovPoint(static_cast<int>(p));
+      point.prior_used =
+          v.cwiseQuotient(total.diagonal().cwiseSqrt()).cwiseAbs().maxCoeff() < limit;
+    }
+  } catch (const AdjustmentError&) {
+    return;  // what makes the network singular is dealt with later
+  }
+  const bool bars_stay = std::any_of(changed.scale_bars.begin(), changed.scale_bars.end(), is_used);
+  if (bars_stay) network->scale_bars = changed.scale_bars;
+  if (std::count_if(changed.points.begin(), changed.points.end(), is_observed) >= 3) {
+    network->points = changed.points;
+  }
+  network->prior_block.Update(network->points);
+}
+
+}  // namespace
+
+BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
+  ScaleToBars(network);
+  BundleOptions bundle;
+  bundle.near_solution = false;
+  bundle.cauchy_scale = 3.0;
+  bundle.num_threads = options.num_threads;
+  std::vector<double> floors(network->cameras.size(), kStartFloorPx);
+  for (const NetworkCamera& c : network->cameras) {
+    floors[&c - network->cameras.data()] = std::max(kStartFloorPx, c.floor_px);
+  }
+  SetFloors(network, floors);
+  std::vector<CameraMask> wanted;
+  for (NetworkCamera& c : network->cameras) {
+    wanted.push_back(c.free);
+    for (int k = 0; k < kNumCameraUnknowns; ++k) c.free[k] = c.free[k] && (k == kF || k == kA1);
+  }
+  SolveBundle(network, bundle);
+  for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
+  BundleSummary summary = SolveBundle(network, bundle);
+  SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
+  bundle.near_solution = true;
+  summary = SolveBundle(network, bundle);
+  if (options.estimate_floor) {
+    SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
+  } else {
+    SetFloors(network, std::vector<double>(floors.size(), 0.0));
+  }
+  return summary;
+}
+
+void SetOutliersAside(Network* network, double limit) {
+  const std::vector<ObservationStatistics> residuals = PlainResiduals(*network);
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    NetworkObservation& o = network->observations[i];
+    const Eigen::Vector2d sigma = network->TotalCov(o).diagonal().cwiseSqrt();
+    o.used = o.used && residuals[i].valid &&
+             residuals[i].residual_px.cwiseQuotient(sigma).cwiseAbs().maxCoeff() < limit;
+  }
+  SetPriorsAside(network, limit);
+}
+
+}  // namespace videogrammetry

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from videogrammetry.cli import (
+    adjust,
     calibrate,
     demo,
     doctor,
@@ -28,7 +29,19 @@ from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
-VERBS = (demo, simulate, recognize, calibrate, measure, motion, verify, export, info, doctor)
+VERBS = (
+    demo,
+    simulate,
+    recognize,
+    adjust,
+    calibrate,
+    measure,
+    motion,
+    verify,
+    export,
+    info,
+    doctor,
+)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -174,8 +174,8 @@ def read_network_points(path: str | os.PathLike[str]) -> NamedPoints:
     sigma_mm = _three(table, POINT_SIGMAS, "all three sigmas, or none", _not_negative)
     normal = _three(table, POINT_NORMAL, "nx, ny and nz, or none of them")
     length = np.linalg.norm(normal, axis=1)
-    for row in np.flatnonzero(length == 0):
-        raise table.error(int(row), "nx", "the normal is zero: give its direction, or nothing")
+    for zero in np.flatnonzero(length == 0):
+        raise table.error(int(zero), "nx", "the normal is zero: give its direction, or nothing")
     names = tuple(table.texts("id"))
     full, cov6 = _covariances(file.with_suffix(".npz"), names, sigma_mm)
     return NamedPoints(

@@ -1,0 +1,71 @@
+"""The frame of a free network: that of the start values which the user gave."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from videogrammetry.calibration.network_input import NetworkInput
+from videogrammetry.types import FloatArray
+
+#: A frame needs three points that are not on a line.
+_MIN_POINTS = 3
+
+
+def on_start_values(started: NetworkInput, given: NetworkInput) -> NetworkInput:
+    """Move a started network to where it fits the given coordinates of its free points best.
+
+    A free network has no frame of its own but that of its start values (least squares
+    over all points that have some). Its scale is that of the scale bars where there are
+    any, else that of the start values. With fewer than three given points, or where
+    fixed or weighted ones give the frame, the network stays as it is.
+    """
+    known = np.isfinite(given.points.position_mm).all(axis=1)
+    found = np.isfinite(started.points.position_mm).all(axis=1)
+    rows = known & found
+    if started.datum != "free" or rows.sum() < _MIN_POINTS:
+        return started
+    target = given.points.position_mm[rows]
+    if np.linalg.svd(target - target.mean(axis=0), compute_uv=False)[1] <= 0:
+        return started
+    scale, rotation, shift = similarity(started.points.position_mm[rows], target)
+    if len(started.scale_bars):
+        scale = 1.0
+        shift = target.mean(axis=0) - rotation @ started.points.position_mm[rows].mean(axis=0)
+    # X' = s R X + d, and R_i X + t_i in the same camera times s: R_i R' X' + s t_i - R_i R' d.
+    images = tuple(
+        image
+        if image.rotation is None or image.translation_mm is None
+        else replace(
+            image,
+            rotation=image.rotation @ rotation.T,
+            translation_mm=scale * image.translation_mm - image.rotation @ rotation.T @ shift,
+        )
+        for image in started.images
+    )
+    position = scale * started.points.position_mm @ rotation.T + shift
+    return replace(started, images=images, points=replace(started.points, position_mm=position))
+
+
+def similarity(source: FloatArray, target: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """Scale, rotation and shift that bring points (N, 3) nearest to others.
+
+    References
+    ----------
+    Umeyama 1991, Least-squares estimation of transformation parameters between two
+    point patterns, Eqs. 40-42.
+
+    Examples
+    --------
+    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> scale, rotation, shift = similarity(points, 2 * points + [1.0, 0, 0])
+    >>> round(scale, 12), bool(np.allclose(2 * points @ rotation.T + shift, 2 * points + [1, 0, 0]))
+    (2.0, True)
+    """
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, singular, vt = np.linalg.svd(b.T @ a)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u * signs @ vt
+    scale = float((singular * signs).sum() / (a**2).sum())
+    return scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0)

@@ -20,6 +20,7 @@ from videogrammetry.cli import (
     info,
     measure,
     motion,
+    plan,
     recognize,
     simulate,
     verify,
@@ -28,7 +29,7 @@ from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
-VERBS = (demo, simulate, recognize, calibrate, measure, motion, verify, export, info, doctor)
+VERBS = (demo, simulate, recognize, calibrate, measure, motion, verify, plan, export, info, doctor)
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -320,7 +320,7 @@ def normal_case_sigma(angle_rad: float) -> float:
     Examples
     --------
     >>> [round(normal_case_sigma(math.radians(g)), 3) for g in (20, 30, 60, 90)]
-    [4.195, 2.915, 1.826, 1.581]
+    [4.195, 2.915, 1.78, 1.581]
     """
     half = 0.5 * angle_rad
     if math.sin(half) <= 0 or math.cos(half) <= 1e-12:

@@ -20,14 +20,13 @@ from videogrammetry.calibration.bundle import POSE_NAMES
 from videogrammetry.calibration.linking import Rigid
 from videogrammetry.calibration.volume import evenly
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import MeasuringVolume, project
+from videogrammetry.geometry import CAMERA_PARAMETERS, MeasuringVolume, project
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, PointSet, RigData
 
 #: Candidates tried for every position that is wanted.
 _TRIES = 40
 # Cameras within this angle of each other, seen from the target, are turned to together.
 _TOGETHER_RAD = np.radians(60.0)
-_CAMERA_PARAMETERS = (*INTERIOR_NAMES, *POSE_NAMES)
 _BOARD_MARGIN = 0.95
 
 
@@ -167,7 +166,7 @@ def design_at_positions(
     sigma = np.sqrt(np.maximum(np.diag(cov), 0.0)).reshape(len(rig.cameras), -1)
     cameras = {
         name: dataclasses.replace(
-            camera, sigma=dict(zip(_CAMERA_PARAMETERS, map(float, sigma[k]), strict=True))
+            camera, sigma=dict(zip(CAMERA_PARAMETERS, map(float, sigma[k]), strict=True))
         )
         for k, (name, camera) in enumerate(rig.cameras.items())
     }
@@ -179,7 +178,7 @@ def design_at_positions(
             rig,
             cameras=cameras,
             cov=cov,
-            cov_names=tuple(f"{n}/{p}" for n in rig.cameras for p in _CAMERA_PARAMETERS),
+            cov_names=tuple(f"{n}/{p}" for n in rig.cameras for p in CAMERA_PARAMETERS),
             volume_mm=where[keep],
             volume_seen=by[keep],
         ),

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from videogrammetry.pipeline import Plan, PlanOptions
 
 _OUTPUTS = ("plan.html", "plan.json", "plan.csv")
-_DOT_PART = 40.0 / 1400.0  # a dot's diameter over the cross' span
+_DOT_PART = 30.0 / 1400.0  # a dot's diameter over the cross' span: it plays no part here
 
 
 def add_parser(verbs: SubParsers) -> None:

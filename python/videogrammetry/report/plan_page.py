@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from videogrammetry.accuracy import PairGeometry
 from videogrammetry.pipeline.plan import Plan, Section
 from videogrammetry.report.chart import Series, chart
 from videogrammetry.report.colours import colour_of
@@ -22,8 +23,11 @@ SOURCE_TITLES = {
     "calibration": "from the calibration alone",
     "together": "both together",
 }
-#: Worse than this of what the best angle gives is said at the top.
-_MUCH_WORSE = 1.5
+#: Groups whose cameras meet at less than this are told of a better base.
+_NARROW_RAD = math.radians(50.0)
+#: Above this part of the way from "falls as 1 / sqrt(n)" to "does not fall" more does not help.
+_HARDLY_PART = 0.5
+_MOST_PAIRS = 12
 #: A source that gives more than this part of the variance is named as the cause.
 _MAIN_PART = 0.6
 
@@ -77,23 +81,21 @@ def advice(plan: Plan) -> list[str]:
             continue
         part = by["calibration"].rms_mm ** 2 / total
         if part > _MAIN_PART:
-            reasons.append(
-                f"the calibration makes {100 * part:.0f} % of a {quantity}'s variance: more "
-                "positions of the target help"
-            )
+            reasons.append(f"the calibration makes {100 * part:.0f} % of a {quantity}'s variance")
         elif part < 1 - _MAIN_PART:
             reasons.append(
                 f"the image noise makes {100 * (1 - part):.0f} % of a {quantity}'s variance: a "
                 "better calibration hardly helps"
             )
-    for pair in plan.pairs:
-        best = min(pair.better_sigma_mm)
-        if pair.angle_rad < math.radians(60) and pair.sigma_mm > _MUCH_WORSE * best:
+    reasons += _stalled(plan)
+    for pair in _widest_pairs(plan):
+        if pair.angle_rad < _NARROW_RAD:
             reasons.append(
                 f"{pair.cameras[0]} and {pair.cameras[1]} meet at "
-                f"{math.degrees(pair.angle_rad):.0f} degrees (base {pair.base_mm:.0f} mm): at "
+                f"{math.degrees(pair.angle_rad):.0f} degrees (base {pair.base_mm:.0f} mm), wider "
+                f"than any others of their group: at "
                 f"{math.degrees(pair.better_angle_rad[0]):.0f} degrees, base "
-                f"{pair.better_base_mm[0]:.0f} mm, the image noise alone gives "
+                f"{pair.better_base_mm[0]:.0f} mm, their image noise alone gives "
                 f"{pair.better_sigma_mm[0]:.3g} instead of {pair.sigma_mm:.3g} mm"
             )
     if plan.needed is not None:
@@ -106,6 +108,34 @@ def advice(plan: Plan) -> list[str]:
                 f"({plan.needed.sigma_mm:.3g} mm)"
             )
     return reasons
+
+
+def _stalled(plan: Plan) -> list[str]:
+    """A word where many more positions hardly make the calibration better."""
+    known = [row for row in plan.counts if math.isfinite(row.distance_calibration_mm)]
+    if len(known) < 2 or known[-1].count < 2 * known[0].count:
+        return []
+    gain = known[-1].distance_calibration_mm / known[0].distance_calibration_mm
+    # With n times the positions noise falls to 1 / sqrt(n).
+    if gain < _HARDLY_PART + (1 - _HARDLY_PART) * math.sqrt(known[0].count / known[-1].count):
+        return []
+    return [
+        f"from {known[0].count} to {known[-1].count} positions the calibration's part of a "
+        f"distance falls from {known[0].distance_calibration_mm:.3g} to "
+        f"{known[-1].distance_calibration_mm:.3g} mm only: the target's own coordinates (sigma "
+        f"{plan.options.target_sigma_mm:g} mm), its scale above all, remain"
+    ]
+
+
+def _widest_pairs(plan: Plan) -> list[PairGeometry]:
+    """Of each group the two cameras that meet at the angle nearest to 90 degrees."""
+    groups = plan.options.groups or (tuple(plan.rig.cameras),)
+    widest = []
+    for group in groups:
+        mine = [p for p in plan.pairs if set(p.cameras) <= set(group)]
+        if mine:
+            widest.append(min(mine, key=lambda p: abs(p.angle_rad - math.pi / 2)))
+    return widest
 
 
 def _verdict(plan: Plan) -> str:
@@ -367,7 +397,9 @@ def _pairs(plan: Plan) -> str:
         "position is surest at 90°; flat targets are seen well by both up to some 60 to 90°."
     )
     return (
-        f'<h2>Angles and bases</h2><div class="card">{table(header, rows)}'
+        f'<h2>Angles and bases</h2><div class="card">'
+        f"<details{' open' if len(rows) <= _MOST_PAIRS else ''}><summary>{len(rows)} pairs of "
+        f"cameras</summary>{table(header, rows)}</details>"
         f'<p class="note">{escape(note)}</p></div>\n'
     )
 

@@ -187,3 +187,16 @@ def test_facing_pairs_need_a_target_with_two_sides():
     plan = plan_rig(facing_rig(), two_sided(), volume=VOLUME, options=FAST)
     assert len(plan.pairs) == 6
     assert plan.statistics["position"]["together"].most_mm > 0
+
+
+def test_what_is_said_of_bases_and_of_positions(plan):
+    page = plan_page(plan)
+    assert "left and right meet at 40 degrees" in page
+    wide = plan_rig(pair_rig(70.0), BOARD, volume=VOLUME, options=FAST)
+    assert "meet at" not in plan_page(wide)
+    # A poor target: its scale, which all positions share, is all that is left.
+    poor = dataclasses.replace(FAST, target_sigma_mm=3.0, counts=(8, 32), sigma_px=0.005)
+    assert "the target's own coordinates (sigma 3 mm)".replace("'", "&#x27;") in plan_page(
+        plan_rig(pair_rig(), BOARD, volume=VOLUME, options=poor)
+    )
+    assert "own coordinates" not in page

@@ -27,7 +27,7 @@ class MeasuringVolume:
     >>> ball.contains(np.array([[0.0, 0, 0.9], [0.8, 0.8, 0.0]])).tolist()
     [True, False]
     >>> len(ball.grid(5)), len(MeasuringVolume(centre_mm=np.zeros(3), size_mm=np.ones(3)).grid(5))
-    (33, 125)
+    (81, 125)
     """
 
     centre_mm: FloatArray
@@ -61,8 +61,11 @@ class MeasuringVolume:
         return np.asarray(self.centre_mm + radius[:, None] * direction * self.size_mm)
 
     def grid(self, count: int) -> FloatArray:
-        """(N, 3) places on a grid of ``count`` along every edge; those outside a ball left out."""
-        steps = np.linspace(-0.5, 0.5, count)
+        """(N, 3) middles of ``count`` cells along every edge; those outside a ball left out.
+
+        Each stands for as much of the volume, so that parts of the places are parts of it.
+        """
+        steps = (np.arange(count) + 0.5) / count - 0.5
         cube = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
         points = self.centre_mm + cube * self.size_mm
         return np.asarray(points[self.contains(points)])

@@ -37,10 +37,8 @@ _USUAL_SIGMA_PX = 0.05
 _USUAL_POSITIONS = 16
 _USUAL_LENGTH_MM = 1000.0
 _PART_OF_FIELD = 0.9
-# Coarse grids tell 95 % of a smooth field well enough for a table of counts.
 # A target kept near the middle: the comparison that shows what coverage is worth.
 _NEAR_PART, _NEAR_TILT_RAD = 0.5, math.radians(20.0)
-_COARSE_PLACES, _COARSE_DISTANCES = 6, 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,15 +386,8 @@ def _at_95(rig: Rig, volume: MeasuringVolume, count: int, options: PlanOptions) 
     assert options.sigma_px is not None
     assert options.length_mm is not None
     table = prediction_statistics(
-        _places(rig, volume.grid(_COARSE_PLACES), options),
-        predict_distances(
-            rig,
-            volume,
-            options.length_mm,
-            options.sigma_px,
-            groups=options.groups,
-            count=_COARSE_DISTANCES,
-        ),
+        _places(rig, volume.grid(options.places), options),
+        predict_distances(rig, volume, options.length_mm, options.sigma_px, groups=options.groups),
     )
     return CountRow(
         count=count,

@@ -92,8 +92,7 @@ def advice(plan: Plan) -> list[str]:
         if pair.angle_rad < _NARROW_RAD:
             reasons.append(
                 f"{pair.cameras[0]} and {pair.cameras[1]} meet at "
-                f"{math.degrees(pair.angle_rad):.0f} degrees (base {pair.base_mm:.0f} mm), wider "
-                f"than any others of their group: at "
+                f"{math.degrees(pair.angle_rad):.0f} degrees (base {pair.base_mm:.0f} mm): at "
                 f"{math.degrees(pair.better_angle_rad[0]):.0f} degrees, base "
                 f"{pair.better_base_mm[0]:.0f} mm, their image noise alone gives "
                 f"{pair.better_sigma_mm[0]:.3g} instead of {pair.sigma_mm:.3g} mm"

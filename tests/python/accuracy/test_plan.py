@@ -60,7 +60,7 @@ def test_places_and_distances_are_those_of_the_rig():
     np.testing.assert_allclose(predicted.covariance("calibration"), found.cov_rig_mm2)
     assert (predicted.cameras == 4).all()
     lengths = predict_distances(rig, BOX, 400.0, 0.02, count=3)
-    # Along an axis: 9 middles in the plane across it; of the diagonals, 27 - those that leave.
+    # Only the distances along the axes, with their middles in the plane across, fit.
     ends = np.array([[-200.0, 0, 0], [200.0, 0, 0]])
     one = rig.intersect(rig.project(ends), 0.02).distance(0, 1)
     assert np.isclose(lengths.sigma_calibration_mm, one.sigma_rig_mm[0]).any()

@@ -25,10 +25,13 @@ def test_even_numbers_fill_it_evenly(volume):
     assert np.abs((points - volume.centre_mm).mean(axis=0)).max() < 5 * 2.4 / np.sqrt(count)
 
 
-def test_the_grid_reaches_the_edges_and_stays_inside():
-    grid = BOX.grid(3)
-    assert len(grid) == 27
-    np.testing.assert_allclose([grid.min(axis=0), grid.max(axis=0)], [[-1, -1, -1], [3, 5, 7]])
+def test_the_grid_stands_for_equal_parts():
+    grid = BOX.grid(4)
+    assert len(grid) == 64
+    np.testing.assert_allclose([grid.min(axis=0), grid.max(axis=0)],
+                               [[-0.5, -0.25, 0], [2.5, 4.25, 6]])  # fmt: skip
+    # A ball fills pi / 6 of its cube; its surface cuts of 30^3 cells some 30^2, to both sides.
+    assert abs(len(BALL.grid(30)) / 30**3 - np.pi / 6) < 0.01
     assert BALL.contains(BALL.grid(9)).all()
     assert not BALL.contains(BALL.centre_mm + np.array([[2.0, 1.0, 0.0]])).any()
 

@@ -39,6 +39,11 @@ def test_a_plan_has_all_its_parts(plan):
         assert by["calibration"].median_mm > 0
     assert [row.count for row in plan.counts] == [4, 8]
     assert plan.counts[0].distance_calibration_mm > plan.counts[1].distance_calibration_mm
+    # The table and the statistics are of the same places: their numbers are comparable.
+    sixteen = dataclasses.replace(FAST, counts=(16,))
+    (row,) = plan_rig(pair_rig(), BOARD, volume=VOLUME, options=sixteen).counts
+    assert row.distance_mm == pytest.approx(plan.statistics["distance"]["together"].most_mm)
+    assert row.position_mm == pytest.approx(plan.statistics["position"]["together"].most_mm)
     assert len(plan.sections) == 3
     assert [s.axes for s in plan.sections] == [(0, 1, 2), (0, 2, 1), (1, 2, 0)]
     across, up, held = plan.sections[1].axes

@@ -155,7 +155,7 @@ def _volume(args: argparse.Namespace, file: PlanFile) -> MeasuringVolume | None:
 
 
 def _options(args: argparse.Namespace, file: PlanFile) -> PlanOptions:
-    from videogrammetry.pipeline.plan import PlanOptions
+    from videogrammetry.pipeline.plan_types import PlanOptions
 
     return PlanOptions(
         positions=file.positions if args.positions is None else args.positions,

@@ -4,15 +4,8 @@ from videogrammetry.pipeline.calibrate import calibrate_by, calibrate_frames, ca
 from videogrammetry.pipeline.frames import Progress
 from videogrammetry.pipeline.measure import measure_frames, measure_project
 from videogrammetry.pipeline.motion import recompute_motion
-from videogrammetry.pipeline.plan import (
-    CountRow,
-    Plan,
-    PlanOptions,
-    Section,
-    plan_columns,
-    plan_document,
-    plan_rig,
-)
+from videogrammetry.pipeline.plan import plan_columns, plan_document, plan_rig
+from videogrammetry.pipeline.plan_types import CountRow, Plan, PlanOptions, Section
 from videogrammetry.pipeline.verify import Verification, verify_project
 
 __all__ = [

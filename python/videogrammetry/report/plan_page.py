@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from videogrammetry.accuracy import PairGeometry
-from videogrammetry.pipeline.plan import Plan, Section
+from videogrammetry.pipeline.plan_types import Plan, Section
 from videogrammetry.report.chart import Series, chart
 from videogrammetry.report.colours import colour_of
 from videogrammetry.report.html import Cell, count, escape, facts, figure, page, table

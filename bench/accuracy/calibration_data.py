@@ -11,7 +11,7 @@ import numpy as np
 
 from videogrammetry.calibration import CameraFrames, FrameTargets
 from videogrammetry.geometry import rays_through_pixels
-from videogrammetry.types import PointSet
+from videogrammetry.types import INTERIOR_NAMES, PointSet, RigCamera, RigData
 
 
 def data_folder() -> Path:
@@ -124,3 +124,34 @@ def bar_lengths(rig, bars, pair: str):
         position[key] = triangulate(rays, centres, [cam.rotation for cam in cameras])
     names = sorted({bar for bar, _ in position}, key=int)
     return np.array([np.linalg.norm(position[n, "A"] - position[n, "B"]) for n in names])
+
+
+def bar_ends(kind: str, pair: str):
+    """Pictures of both ends of a pair's bars: two dicts camera -> (B, 2)."""
+    rows = [row for row in read_bars(kind) if row["pair"] == pair]
+    ends = []
+    for end in ("A", "B"):
+        pictures = {}
+        for camera in pair:
+            mine = [r for r in rows if r["end"] == end and r["camera"] == camera]
+            mine.sort(key=lambda r: int(r["bar"]))
+            pictures[camera] = np.array([[float(r["x_px"]), float(r["y_px"])] for r in mine])
+        ends.append(pictures)
+    return tuple(ends)
+
+
+def true_rig(truth) -> RigData:
+    """The rig of a truth.json."""
+    keys = ("f_px", "x0_px", "y0_px", *INTERIOR_NAMES[3:])
+    return RigData(
+        cameras={
+            name: RigCamera(
+                image_size_px=(1024, 1024),
+                interior=np.array([t[k] for k in keys]),
+                r0_px=t["r0_px"],
+                rotation=np.array(t["cam_from_world"]["rotation"]),
+                translation_mm=np.array(t["cam_from_world"]["translation_mm"]),
+            )
+            for name, t in truth["cameras"].items()
+        }
+    )

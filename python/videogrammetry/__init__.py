@@ -15,8 +15,8 @@ and from arrays, without a file::
     run = vg.calibrate_frames({"left": left, "right": right}, target)
     measurement = vg.measure_frames(run.rig, {"left": moving_left, "right": moving_right})
 
-:class:`Rig` projects and triangulates, :func:`recognize` finds the targets of
-one picture, :func:`recognize_sequence` those of many.
+:class:`Rig` projects and triangulates, :func:`plan_rig` predicts its accuracy,
+:func:`recognize` finds the targets of one picture, :func:`recognize_sequence` those of many.
 """
 
 from videogrammetry.calibration import CalibrationOptions, CalibrationRun, calibrate
@@ -28,17 +28,22 @@ from videogrammetry.errors import (
     TableError,
     VideogrammetryError,
 )
+from videogrammetry.geometry import MeasuringVolume
 from videogrammetry.matching import MatchingOptions
 from videogrammetry.motion import MotionOptions, compute_motion
 from videogrammetry.pipeline import (
+    Plan,
+    PlanOptions,
     calibrate_frames,
     calibrate_project,
     measure_frames,
     measure_project,
+    plan_rig,
     verify_project,
 )
 from videogrammetry.project import (
     read_measurement,
+    read_plan,
     read_points,
     read_project,
     write_measurement,
@@ -73,8 +78,11 @@ __all__ = [
     "MatchingOptions",
     "Measurement",
     "MeasurementError",
+    "MeasuringVolume",
     "MotionOptions",
     "PackedFrame",
+    "Plan",
+    "PlanOptions",
     "PointSet",
     "ProjectFileError",
     "RecognitionOptions",
@@ -96,7 +104,9 @@ __all__ = [
     "measure_frames",
     "measure_project",
     "open_sequence",
+    "plan_rig",
     "read_measurement",
+    "read_plan",
     "read_points",
     "read_project",
     "recognize",

@@ -1,6 +1,13 @@
 """Calibration of the cameras from pictures of a known target."""
 
 from videogrammetry.calibration.calibrate import calibrate
+from videogrammetry.calibration.design import (
+    CalibrationDesign,
+    DesignOptions,
+    design_at_positions,
+    design_calibration,
+    flat_board,
+)
 from videogrammetry.calibration.run import (
     CalibrationOptions,
     CalibrationRun,
@@ -11,11 +18,16 @@ from videogrammetry.calibration.run import (
 )
 
 __all__ = [
+    "CalibrationDesign",
     "CalibrationOptions",
     "CalibrationRun",
     "CameraFrames",
+    "DesignOptions",
     "FrameTargets",
     "ObservationTable",
     "Rejection",
     "calibrate",
+    "design_at_positions",
+    "design_calibration",
+    "flat_board",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.calibration.run import CalibrationRun
 
@@ -20,9 +21,7 @@ def with_volume(run: CalibrationRun) -> CalibrationRun:
     places, row = np.unique(key, axis=0, return_inverse=True)
     seen = np.zeros((len(places), len(run.camera_names)), dtype=bool)
     seen[row.reshape(-1), table.camera[used]] = True
-    keep = np.flatnonzero(seen.sum(axis=1) >= 2)
-    if len(keep) > _MAX_POINTS:
-        keep = keep[np.linspace(0, len(keep) - 1, _MAX_POINTS).round().astype(int)]
+    keep = evenly(np.flatnonzero(seen.sum(axis=1) >= 2))
     position_of = dict(zip(run.target.id.tolist(), run.target.position_mm, strict=True))
     volume = np.empty((len(keep), 3))
     for k, (stage, point) in enumerate(places[keep].tolist()):
@@ -30,3 +29,16 @@ def with_volume(run: CalibrationRun) -> CalibrationRun:
         volume[k] = rotation @ position_of[point] + translation_mm
     rig = dataclasses.replace(run.rig, volume_mm=volume, volume_seen=seen[keep])
     return dataclasses.replace(run, rig=rig)
+
+
+def evenly(rows: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """All rows, or evenly as many as represent the volume.
+
+    Examples
+    --------
+    >>> len(evenly(np.arange(10))), len(evenly(np.arange(5000)))
+    (10, 600)
+    """
+    if len(rows) <= _MAX_POINTS:
+        return rows
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, _MAX_POINTS).round().astype(int)])

@@ -38,7 +38,6 @@ ESTIMATORS = ("auto", "mean-gradient", "dual-conic", "model")
 
 def add_parser(verbs: SubParsers) -> None:
     """The verb's arguments."""
-    default = RecognitionOptions()
     parser = add_verb(
         verbs,
         "recognize",
@@ -62,6 +61,13 @@ def add_parser(verbs: SubParsers) -> None:
     parser.add_argument(
         "--overlay", type=Path, metavar="DIR", help="write the pictures with the targets drawn in"
     )
+    add_recognition_arguments(parser)
+    add_force(parser)
+
+
+def add_recognition_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of recognition, with the names of ``[targets]``."""
+    default = RecognitionOptions()
     parser.add_argument(
         "--codes",
         default=default.codes,
@@ -97,12 +103,11 @@ def add_parser(verbs: SubParsers) -> None:
         default=default.estimator,
         help="how dots are measured; model: slower, nearer to the noise (default: %(default)s)",
     )
-    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Recognises all pictures, then writes; a bad one stops it before anything is written."""
-    options = _options(args)
+    options = recognition_options_of(args)
     source = open_sequence(args.inputs, same_size=False)
     names = frame_names(source)
     overlays = [args.overlay / overlay_name(name) for name in names] if args.overlay else []
@@ -179,7 +184,7 @@ def _check_outputs(
             refuse_overwrite(path, force)
 
 
-def _options(args: argparse.Namespace) -> RecognitionOptions:
+def recognition_options_of(args: argparse.Namespace) -> RecognitionOptions:
     """The options, tried on a blank picture: whatever is wrong with them shows there."""
     smallest, largest = args.diameter_px
     options = RecognitionOptions(

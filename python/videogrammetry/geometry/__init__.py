@@ -17,21 +17,29 @@ from videogrammetry.geometry.rig import (
     rig_model,
     select_cameras,
 )
+from videogrammetry.geometry.volume import (
+    MeasuringVolume,
+    point_nearest_to_axes,
+    rotation_looking_at,
+)
 
 __all__ = [
     "CAMERA_PARAMETERS",
     "CircleNormals",
+    "MeasuringVolume",
     "camera_model",
     "default_r0_px",
     "ellipse_centres",
     "estimate_normals",
     "full_covariance",
     "nearest_rotation",
+    "point_nearest_to_axes",
     "project",
     "project_with_jacobians",
     "rays_through_pixels",
     "rig_model",
     "rotation_from_vector",
+    "rotation_looking_at",
     "select_cameras",
     "vector_from_rotation",
 ]

@@ -4,16 +4,25 @@ from videogrammetry.pipeline.calibrate import calibrate_by, calibrate_frames, ca
 from videogrammetry.pipeline.frames import Progress
 from videogrammetry.pipeline.measure import measure_frames, measure_project
 from videogrammetry.pipeline.motion import recompute_motion
+from videogrammetry.pipeline.plan import plan_columns, plan_document, plan_rig
+from videogrammetry.pipeline.plan_types import CountRow, Plan, PlanOptions, Section
 from videogrammetry.pipeline.verify import Verification, verify_project
 
 __all__ = [
+    "CountRow",
+    "Plan",
+    "PlanOptions",
     "Progress",
+    "Section",
     "Verification",
     "calibrate_by",
     "calibrate_frames",
     "calibrate_project",
     "measure_frames",
     "measure_project",
+    "plan_columns",
+    "plan_document",
+    "plan_rig",
     "recompute_motion",
     "verify_project",
 ]

@@ -13,6 +13,7 @@ from videogrammetry.project.atomic import (
 )
 from videogrammetry.project.csv_table import format_csv, read_csv, write_csv
 from videogrammetry.project.measurement_file import read_measurement, write_measurement
+from videogrammetry.project.plan_file import PlanFile, PlanTarget, read_plan
 from videogrammetry.project.provenance import plain, provenance, sha256_of
 from videogrammetry.project.result_tables import (
     CENTROID,
@@ -55,6 +56,8 @@ __all__ = [
     "CameraSection",
     "MotionSection",
     "MotionTable",
+    "PlanFile",
+    "PlanTarget",
     "Project",
     "ScaleBar",
     "SequenceSection",
@@ -75,6 +78,7 @@ __all__ = [
     "read_measurement",
     "read_motion",
     "read_observations",
+    "read_plan",
     "read_points",
     "read_project",
     "read_rig",

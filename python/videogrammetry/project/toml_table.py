@@ -108,6 +108,10 @@ class TomlTable:
             raise self.error(key, f"= {value} is out of range: expected {bound}")
         return float(value)
 
+    def boolean(self, key: str, default: Any = _NEEDED) -> Any:
+        """true or false."""
+        return self._take(key, default, (bool,), "true or false")
+
     def numbers(self, key: str, count: int, default: Any = _NEEDED, *, what: str) -> Any:
         """A list of ``count`` positive, finite numbers."""
         value = self._take(key, default, (list,), what)
@@ -150,6 +154,17 @@ class TomlTable:
         if not whole or not (zero or any(good)):
             nonzero = "" if zero else ", not all zero"
             raise self.error(key, f"= {value} is wrong: expected {what}{nonzero}")
+        return tuple(float(v) for v in value)
+
+    def point(self, key: str, default: Any = _NEEDED) -> Any:
+        """A place: three finite numbers of any sign."""
+        what = "[x, y, z]"
+        value = self._take(key, default, (list,), what)
+        if value is default:
+            return value
+        good = [v for v in value if isinstance(v, int | float) and not isinstance(v, bool)]
+        if len(value) != 3 or len(good) != 3 or not all(math.isfinite(v) for v in good):
+            raise self.error(key, f"= {value} is wrong: expected {what}, three numbers")
         return tuple(float(v) for v in value)
 
     def integers(self, key: str, default: Any = _NEEDED, *, what: str, count: int = 0) -> Any:

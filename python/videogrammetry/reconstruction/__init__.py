@@ -10,12 +10,16 @@ from videogrammetry.reconstruction.triangulate import (
     reconstruct_stage,
     triangulate,
 )
+from videogrammetry.reconstruction.uncertainty import Distance, Intersection, Projection
 
 __all__ = [
     "CIRCLE_STATUS",
     "TRIANGULATION_STATUS",
     "CalibrationField",
     "Circles",
+    "Distance",
+    "Intersection",
+    "Projection",
     "Rig",
     "Triangulator",
     "reconstruct_stage",

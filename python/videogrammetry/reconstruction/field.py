@@ -6,27 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from videogrammetry.geometry import (
-    CAMERA_PARAMETERS,
-    full_covariance,
-    project_with_jacobians,
-    rays_through_pixels,
-)
+from videogrammetry.geometry import CAMERA_PARAMETERS, full_covariance, rays_through_pixels
+from videogrammetry.reconstruction.uncertainty import picture_derivatives
 
 if TYPE_CHECKING:
     from videogrammetry.reconstruction.triangulate import Triangulator
     from videogrammetry.types import FloatArray, RigCamera
 
 _NODES = (9, 7)  # over width and height: the field is as smooth as the distortion
-_POSE = len(CAMERA_PARAMETERS)
-
-
-def _cross(v: FloatArray) -> FloatArray:
-    """(N, 3, 3) matrices [v]_x."""
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.moveaxis(np.array(rows), 2, 0)
+_PARAMETERS = len(CAMERA_PARAMETERS)
 
 
 class CalibrationField:
@@ -77,15 +65,7 @@ def _variance_nodes(
     x, y = np.meshgrid(np.linspace(0, width - 1, _NODES[0]), np.linspace(0, height - 1, _NODES[1]))
     in_cam = depth_mm * rays_through_pixels(camera, np.column_stack([x.ravel(), y.ravel()]))
     in_world = (in_cam - camera.translation_mm) @ camera.rotation
-    _, by_point, by_interior = project_with_jacobians(camera, in_cam)
-    by_rotation = -by_point @ _cross(in_cam - camera.translation_mm)
-    own = np.concatenate([by_interior, by_rotation, by_point], axis=2)
-    # The frame follows the calibration's error by M dp: x' = x + [-[x]_x, I] M dp.
-    effect = np.concatenate(
-        [-_cross(in_world), np.broadcast_to(np.eye(3), (len(in_world), 3, 3))], axis=2
-    )
-    total = by_point @ camera.rotation @ effect @ frame
-    total[:, :, _POSE * index : _POSE * (index + 1)] += own
+    _, _, total = picture_derivatives(camera, index, in_world, cov.shape[1] // _PARAMETERS, frame)
     variance = total @ cov @ np.swapaxes(total, 1, 2)
     nodes: FloatArray = np.stack(
         [variance[:, 0, 0], variance[:, 0, 1], variance[:, 1, 1]], axis=1

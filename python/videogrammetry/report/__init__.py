@@ -23,6 +23,7 @@ from videogrammetry.report.experiments_page import experiments_page
 from videogrammetry.report.html import Figure
 from videogrammetry.report.motion_view import motion_view_svg
 from videogrammetry.report.overlay import draw_overlay, write_overlay
+from videogrammetry.report.plan_page import plan_page
 from videogrammetry.report.recognised_pictures import recognised_pictures
 from videogrammetry.report.space import Scene
 from videogrammetry.report.space_view import interactive_view
@@ -51,6 +52,7 @@ __all__ = [
     "free_fall_figure",
     "interactive_view",
     "motion_view_svg",
+    "plan_page",
     "recognised_pictures",
     "scale_bar_figure",
     "trajectory_figures",

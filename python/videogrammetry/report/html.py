@@ -128,7 +128,8 @@ def figure(title: str, svg: str, note: str = "", style: str = "") -> str:
     """A drawing with its title and a note below."""
     below = f'<p class="note">{escape(note)}</p>' if note else ""
     head = f'<figure class="{style}">' if style else "<figure>"
-    return f"{head}<h3>{escape(title)}</h3>{svg}{below}</figure>\n"
+    above = f"<h3>{escape(title)}</h3>" if title else ""
+    return f"{head}{above}{svg}{below}</figure>\n"
 
 
 def number(value: float, sigma: float | None = None) -> str:

@@ -136,6 +136,11 @@ class JoinedSource:
         which, at = self._locate(index)
         return self._sources[which].name(at)
 
+    def image_size_px_of(self, index: int) -> tuple[int, int]:
+        """(width, height) of one frame: pictures need not be of one size."""
+        check_index(index, len(self), "frame")
+        return self._sources[self._locate(index)[0]].image_size_px
+
     def read(self, index: int) -> npt.NDArray[Any]:
         """The frame: (height, width), uint8 or uint16, C-contiguous."""
         which, at = self._locate(index)

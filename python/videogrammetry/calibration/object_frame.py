@@ -1,0 +1,107 @@
+"""The frame of a measured object: on its own axes, or on the coordinates of a drawing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from videogrammetry.calibration.network_input import NetworkInput
+from videogrammetry.calibration.network_result import NetworkAdjustment
+from videogrammetry.errors import CalibrationError
+from videogrammetry.geometry import nearest_rotation
+from videogrammetry.types import FloatArray
+
+
+def fit_rigid(measured_mm: FloatArray, wanted_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotation and shift that bring ``measured_mm`` (N, 3) nearest to ``wanted_mm``.
+
+    Least squares by the singular values of the correlation (Arun et al. 1987).
+
+    Examples
+    --------
+    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    >>> fit_rigid(points, points + [1.0, 2, 3])[1].round(9).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    a, b = measured_mm.mean(axis=0), wanted_mm.mean(axis=0)
+    rotation = nearest_rotation((wanted_mm - b).T @ (measured_mm - a))
+    return rotation, b - rotation @ a
+
+
+def own_axes(points_mm: FloatArray, towards_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Origin at the points' mean, x along their longest, y along the next extent.
+
+    z points towards ``towards_mm`` (3,), where the first picture was taken from, or away
+    from it, so that x, y, z are right-handed with x towards the last point.
+    """
+    centre = points_mm.mean(axis=0)
+    axes = np.linalg.svd(points_mm - centre, full_matrices=False)[2]
+    z = axes[2] * (np.sign(axes[2] @ (towards_mm - centre)) or 1.0)
+    x = axes[0] * (np.sign(axes[0] @ (points_mm[-1] - centre)) or 1.0)
+    rotation = np.stack([x, np.cross(z, x), z])
+    return rotation, -rotation @ centre
+
+
+def moved_network(
+    network: NetworkInput,
+    result: NetworkAdjustment,
+    rotation: FloatArray,
+    shift_mm: FloatArray,
+    scale: float = 1.0,
+) -> NetworkInput:
+    """The network with the result's values as start values, carried to another frame.
+
+    new = ``rotation`` (``scale`` old) + ``shift_mm``; a scale other than 1 is for networks
+    that nothing else gives one.
+    """
+    at = {name: i for i, name in enumerate(result.images.name)}
+    images = []
+    for image in network.images:
+        if image.name not in at:
+            images.append(image)
+            continue
+        i = at[image.name]
+        turned = result.images.rotation[i] @ rotation.T
+        shift = scale * result.images.translation_mm[i] - turned @ shift_mm
+        images.append(replace(image, rotation=turned, translation_mm=shift))
+    row = {name: i for i, name in enumerate(result.points.name)}
+    positions = np.full((len(network.points), 3), np.nan)
+    for i, name in enumerate(network.points.name):
+        if name in row:
+            positions[i] = rotation @ (scale * result.points.position_mm[row[name]]) + shift_mm
+    return replace(
+        network, images=tuple(images), points=replace(network.points, position_mm=positions)
+    )
+
+
+def drawing_fit(
+    result: NetworkAdjustment, names: tuple[str, ...], drawn_mm: FloatArray, has_scale: bool
+) -> tuple[FloatArray, FloatArray, float]:
+    """Rotation, shift and scale onto the coordinates of a drawing, by the points of equal names.
+
+    The scale is 1 where the network has one of its own (``has_scale``).
+
+    Raises
+    ------
+    CalibrationError : fewer than three points in common, or all of them on a line.
+    """
+    row = {name: i for i, name in enumerate(result.points.name)}
+    common = [(row[name], k) for k, name in enumerate(names) if name in row]
+    if len(common) < 3:
+        raise CalibrationError(
+            f"the table of nominal coordinates and the photographs have {len(common)} points in "
+            "common; three that are not on one line are needed to place the object: are they "
+            "named by the same numbers?"
+        )
+    measured = result.points.position_mm[[i for i, _ in common]]
+    wanted = drawn_mm[[k for _, k in common]]
+    extents = np.linalg.svd(wanted - wanted.mean(axis=0), compute_uv=False)
+    if extents[1] < 1e-3 * extents[0]:
+        raise CalibrationError(
+            "the points that the table of nominal coordinates and the photographs have in common "
+            "lie on one line, about which the object could turn; add points beside it"
+        )
+    spread = np.linalg.norm(measured - measured.mean(axis=0))
+    scale = 1.0 if has_scale else float(np.linalg.norm(wanted - wanted.mean(axis=0)) / spread)
+    return *fit_rigid(scale * measured, wanted), scale

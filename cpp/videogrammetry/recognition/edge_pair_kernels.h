@@ -12,6 +12,15 @@ namespace videogrammetry::edge_pair {
 /// How the samples of a row lie in memory, and the kernels' place in their tables.
 enum Storage { kBytes, kWords, kPackedHighFirst, kPackedLowFirst, kNumStorages };
 
+/// Chords of a row from left to right, none of which overlap. Behind them lie kBlock more
+/// that overlap nothing.
+struct PairList {
+  static constexpr int kBlock = 8;
+  const int* rises;
+  const int* falls;
+  int count;
+};
+
 /// Kernels on rows of one storage. They read nothing but the row's own bytes.
 struct Kernels {
   /// With g(i) = I(i + 2) - I(i), sets bit i % 64 of rises[i / 64] where g > threshold
@@ -26,6 +35,12 @@ struct Kernels {
                   std::uint16_t* out);
   /// How many of `count` values are at most `limit`; count < 65536.
   int (*count_up_to)(const std::uint16_t* values, int count, std::uint16_t limit);
+  /// Writes the numbers of the pairs that are longer than those above (or as long) and not
+  /// shorter than those below, of those that overlap and are no more than about twice as
+  /// long: such are of another area. A pair of `long_px` or more must have one of half its
+  /// length or more beside it on both sides.
+  /// @return how many those are.
+  int (*longest)(PairList pairs, PairList above, PairList below, int long_px, int* numbers);
 };
 constexpr int kSampleSlack = 32;
 

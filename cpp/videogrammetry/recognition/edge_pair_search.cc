@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "videogrammetry/recognition/edge_pair_chords.h"
 #include "videogrammetry/recognition/edge_pair_samples.h"
 #include "videogrammetry/recognition/edge_pair_star.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
@@ -16,6 +17,8 @@
 namespace videogrammetry {
 namespace {
 
+using edge_pair::Pair;
+using edge_pair::RowPairs;
 using edge_pair::SampleRows;
 using edge_pair::Samples;
 using edge_pair::Star;
@@ -28,26 +31,31 @@ constexpr int kLongestEdge = 64;
 constexpr int kRowsAhead = 4;
 /// Least minor over major axis: a tilt of 80 degrees.
 constexpr double kLeastRatio = 0.18;
+/// Length of a chord, in steps from row to row, from which on there must be chords of half
+/// of it in the rows on both sides: 20 steps suffice on an ellipse of the least ratio, whose
+/// half height is 0.09 of the chord through its centre or more, as those lie 1.5 steps from
+/// there at most and a half height of 1.73 steps has them. Some are broken: 30.
+constexpr int kLongInRows = 30;
+/// Chords that are gathered before they are looked at, how many of them ahead the samples
+/// around one are fetched, and how far up and down.
+constexpr std::size_t kChordsAtOnce = 32, kChordsAhead = 4;
+constexpr int kReachPx = 12;
 /// The middle of an area, in its radii.
 constexpr double kMiddle = 0.7;
 /// Freedom of the axes, pixels: they are judged after the fit.
 constexpr double kFreePx = 1.0;
 
-/// Last bit of a rise and first of the fall after it, without another edge between.
-struct Pair {
-  int rise, fall;
-  int length() const { return fall - rise; }
-};
-
 /// What is kept of a row until the rows beside it have been scanned.
 struct ScannedRow {
+  explicit ScannedRow(int width)
+      : up(static_cast<std::size_t>(width + 61) / 64), down(up.size()), pairs(width) {}
   std::vector<std::uint64_t> up, down;
-  std::vector<Pair> pairs;
+  RowPairs pairs;
 };
 
 /// Grey values along a chord.
 struct Chord {
-  int middle = 0;  ///< a pixel of the area
+  int middle = 0, y = 0;  ///< a pixel of the area
   int length = 0;
   int inside = 0, outside = 0;
   int level() const { return outside + (inside - outside + 1) / 2; }
@@ -66,13 +74,11 @@ class EdgePairSearch {
         row_step_(std::max(1, static_cast<int>(min_diameter_ / 2.0))),
         least_length_(static_cast<int>(std::ceil(0.6 * min_diameter_))),
         star_(samples_, max_length_, min_diameter_ - kFreePx - 0.5),
+        which_(static_cast<std::size_t>(rows.width + 61) / 64 + 1),
+        taken_(static_cast<std::size_t>(rows.width / 2 + 1)),
+        scanned_{ScannedRow(rows.width), ScannedRow(rows.width), ScannedRow(rows.width)},
         index_(rows.width, rows.height) {
-    const auto words = static_cast<std::size_t>(rows_.width + 61) / 64;
-    for (ScannedRow& row : scanned_) {
-      row.up.resize(words);
-      row.down.resize(words);
-    }
-    which_.resize(words + 1);
+    chords_.reserve(2 * kChordsAtOnce);
   }
 
   /// The window lies in the picture, is 3 pixels wide or more and begins in an even column.
@@ -84,17 +90,18 @@ class EdgePairSearch {
     // The whole picture's rows.
     int row = std::max(0, window.top - row_step_ / 2 + row_step_ - 1) / row_step_;
     const int first_row = row;
-    for (ScannedRow& scanned : scanned_) scanned.pairs.clear();
+    for (ScannedRow& scanned : scanned_) scanned.pairs.Clear();
     for (int y = RowAt(row); y <= window.bottom; y = RowAt(++row)) {
       ScannedRow& now = Scanned(row);
       Prefetch(first + RowAt(row + kRowsAhead) * rows_.stride_bytes, RowAt(row + kRowsAhead));
       const int found = rows_.kernels->edges(first + y * rows_.stride_bytes, width_, threshold_,
                                              now.up.data(), now.down.data(), which_.data());
-      FindPairs(found, &now);
-      if (row > first_row) FollowLongest(row - 1);
+      now.pairs.Find(Rises(now), Falls(now), which_.data(), found, max_length_);
+      if (row > first_row) TakeLongest(row - 1);
     }
-    Scanned(row).pairs.clear();
-    if (row > first_row) FollowLongest(row - 1);
+    Scanned(row).pairs.Clear();
+    if (row > first_row) TakeLongest(row - 1);
+    LookAtChords();
   }
 
   std::vector<DotRegion> Take() { return std::move(regions_); }
@@ -120,64 +127,39 @@ class EdgePairSearch {
     return rows_.flip == 0 ? row.down.data() : row.up.data();
   }
 
-  // Goes through the beginnings of falls; those whose nearest edge before is a rise
-  // close a chord.
-  void FindPairs(int found, ScannedRow* row) const {
-    const std::uint64_t* all_rises = Rises(*row);
-    const std::uint64_t* all_falls = Falls(*row);
-    row->pairs.clear();
-    int last_edge = -1;  // in the words before
-    bool last_rises = false;
-    for (int j = 0; j < found; ++j) {
-      const int i = which_[static_cast<std::size_t>(j)], base = 64 * i;
-      const std::uint64_t rises = all_rises[i], falls = all_falls[i], edges = rises | falls;
-      const std::uint64_t before = i > 0 ? all_falls[i - 1] >> 63 : 0;
-      std::uint64_t starts = falls & ~(falls << 1 | before);
-      while (starts != 0) {
-        const int bit = std::countr_zero(starts);
-        starts &= starts - 1;
-        const std::uint64_t below = edges & ((std::uint64_t{1} << bit) - 1);
-        int edge = last_edge;
-        bool is_rise = last_rises;
-        if (below != 0) {
-          const int at = 63 - std::countl_zero(below);
-          edge = base + at;
-          is_rise = (rises >> at) & 1;
-        }
-        if (is_rise && base + bit - edge <= max_length_) row->pairs.push_back({edge, base + bit});
-      }
-      const int at = 63 - std::countl_zero(edges);
-      last_edge = base + at;
-      last_rises = (rises >> at) & 1;
-    }
-  }
-
-  // Looks at the pairs that are longer than those of the same area in the rows beside: an
-  // ellipse's chords grow up to the one next to its centre, and then shrink.
-  void FollowLongest(int row) {
+  // Takes the pairs that are longer than those of the same area in the rows beside: an
+  // ellipse's chords grow up to the one next to its centre, and then shrink. Long ones have
+  // some on both sides, of an area that is high enough. (Short ones alone are of dots that
+  // shine or are in shadow as often as of noise.)
+  void TakeLongest(int row) {
     y_ = RowAt(row);
     const ScannedRow& now = Scanned(row);
-    const std::vector<Pair>& above = Scanned(row + 2).pairs;  // of row - 1
-    const std::vector<Pair>& below = Scanned(row + 1).pairs;
-    std::size_t first_above = 0, first_below = 0;
-    for (const Pair& pair : now.pairs) {
-      if (IsShorter(pair, 1, above, &first_above)) continue;
-      if (IsShorter(pair, 0, below, &first_below)) continue;
-      LookAt(pair, now);
-    }
+    const ScannedRow &above = Scanned(row + 2), &below = Scanned(row + 1);  // row - 1, row + 1
+    const int count =
+        rows_.kernels->longest(now.pairs.list(), above.pairs.list(), below.pairs.list(),
+                               kLongInRows * row_step_, taken_.data());
+    for (int i = 0; i < count; ++i) TakeChord(now.pairs[taken_[static_cast<std::size_t>(i)]], now);
+    if (chords_.size() >= kChordsAtOnce) LookAtChords();
   }
 
-  // Whether a pair of the row beside overlaps and is longer by `least` or more. One that
-  // is much longer is of another area. `first` moves along with the pairs.
-  static bool IsShorter(const Pair& pair, int least, const std::vector<Pair>& beside,
-                        std::size_t* first) {
-    while (*first < beside.size() && beside[*first].fall <= pair.rise) ++*first;
-    const int most = 2 * pair.length() + 4;
-    for (std::size_t i = *first; i < beside.size() && beside[i].rise < pair.fall; ++i) {
-      const int length = beside[i].length();
-      if (length >= pair.length() + least && length <= most) return true;
+  // What lies between the scanned rows is not yet near the processor: it is fetched some
+  // chords before it is looked at.
+  void LookAtChords() {
+    for (std::size_t i = 0; i < chords_.size(); ++i) {
+      if (i + kChordsAhead < chords_.size()) PrefetchAround(chords_[i + kChordsAhead]);
+      LookAt(&chords_[i]);
     }
-    return false;
+    chords_.clear();
+  }
+
+  void PrefetchAround([[maybe_unused]] const Chord& chord) const {
+#if defined(__GNUC__)
+    const int reach = std::min(chord.length, kReachPx);
+    const int last = std::min(rows_.height - 1, chord.y + reach);
+    for (int y = std::max(0, chord.y - reach); y <= last; ++y) {
+      __builtin_prefetch(rows_.row(y) + samples_.BytesTo(chord.middle & ~1));
+    }
+#endif
   }
 
   // First bit of the run that ends with `bit`, and last of the one that begins with it.
@@ -194,15 +176,18 @@ class EdgePairSearch {
     return bit + std::min(length, kLongestEdge) - 1;
   }
 
-  void LookAt(const Pair& pair, const ScannedRow& scanned) {
+  void TakeChord(const Pair& pair, const ScannedRow& scanned) {
     // Bit i belongs to the window's pixel i + 1.
     const int rise = RunStart(Rises(scanned), pair.rise) + 1 + left_;
     const int fall = RunEnd(Falls(scanned), pair.fall) + 1 + left_;
     if (fall - rise < least_length_) return;
-    auto chord = MeasureChord(pair, rise, fall);
-    if (!chord || IsOfKnown(*chord)) return;
-    auto star = star_.Look(chord->middle, y_, chord->level(), chord->length);
-    if (star && BrightenLikeMiddle(*star, &*chord)) {
+    if (const auto chord = MeasureChord(pair, rise, fall)) chords_.push_back(*chord);
+  }
+
+  void LookAt(Chord* chord) {
+    if (IsOfKnown(*chord)) return;
+    auto star = star_.Look(chord->middle, chord->y, chord->level(), chord->length);
+    if (star && BrightenLikeMiddle(*star, chord)) {
       const auto brighter = star_.Look(RoundedX(*star), RoundedY(*star), chord->level(), 1 << 16);
       if (brighter) star = brighter;
     }
@@ -214,12 +199,12 @@ class EdgePairSearch {
   // of the area alone.)
   bool IsOfKnown(const Chord& chord) const {
     const double half = 0.5 * chord.length;
-    return index_.AnyNear(chord.middle, y_, half, [&](int number) {
+    return index_.AnyNear(chord.middle, chord.y, half, [&](int number) {
       const Found& found = found_[static_cast<std::size_t>(number)];
       if (found.window != window_) return false;
       const int difference = std::abs(found.level - chord.level());
       if (8 * difference > chord.inside - chord.outside) return false;
-      const double dx = chord.middle - found.star.x, dy = y_ - found.star.y;
+      const double dx = chord.middle - found.star.x, dy = chord.y - found.star.y;
       const Star& s = found.star;
       return s.sxx * dx * dx + 2.0 * s.sxy * dx * dy + s.syy * dy * dy < kMiddle * kMiddle;
     });
@@ -243,6 +228,7 @@ class EdgePairSearch {
   // both sides, the smaller contrast at least half the larger: not so in texture.
   std::optional<Chord> MeasureChord(const Pair& pair, int rise, int fall) const {
     Chord chord;
+    chord.y = y_;
     chord.middle = (pair.rise + pair.fall) / 2 + 1 + left_;
     chord.length = (pair.length() + fall - rise) / 2;
     if (chord.middle < 1 || chord.middle + 1 >= rows_.width) return std::nullopt;
@@ -297,7 +283,9 @@ class EdgePairSearch {
   const StarLook<kStorage> star_;
   int left_ = 0, width_ = 0;  ///< of the window
   int y_ = 0;
-  std::vector<int> which_;  ///< words of the row with edges
+  std::vector<int> which_;     ///< words of the row with edges
+  std::vector<int> taken_;     ///< pairs of the row
+  std::vector<Chord> chords_;  ///< not yet looked at
   std::array<ScannedRow, 3> scanned_;
   /// What an area was found as.
   struct Found {

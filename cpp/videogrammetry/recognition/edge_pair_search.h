@@ -24,7 +24,8 @@ struct DotRegion {
 ///    diameter d is cut within d/4 of its centre.
 /// 2. A rise followed by a fall without another edge between them is a chord. Of the
 ///    chords that lie below each other those are looked at that are longer than their
-///    neighbours: of much the same ground on both sides.
+///    neighbours: of much the same ground on both sides. Long ones have chords of half their
+///    length or more in the rows above and below.
 /// 3. From the chord's middle the area's extent is followed in eight directions at the
 ///    grey value half-way between the chord's inside and its surroundings
 ///    (edge_pair_star.h). Accepted is what ends alike in opposite directions, obeys the

@@ -34,35 +34,26 @@ class Samples {
 
   int operator()(int x, int y) const { return FromRow(data_ + y * stride_, x); }
 
-  /// A place that walks over the picture.
-  class Place {
-   public:
-    Place(const Samples& samples, int x, int y)
-        : samples_(samples),
-          x_(x),
-          at_(samples.data_ + y * samples.stride_ + (kStorage == kWords ? 2 : 1) * x) {}
-
-    void Step(int dx, int dy) {
-      x_ += dx;
-      at_ += dy * samples_.stride_ + (kStorage == kWords ? 2 : 1) * dx;
-    }
-    int Value() const {
-      if constexpr (kStorage == kBytes) {
-        return *at_ ^ samples_.flip_;
-      } else if constexpr (kStorage == kWords) {
-        return *reinterpret_cast<const std::uint16_t*>(at_) ^ samples_.flip_;
-      } else {
-        return samples_.FromRow(at_ - x_, x_);
+  /// Steps of (kDx, dy) from (x, y) to where the values fall below the level, between two
+  /// pixels on a straight line; -1 if that is further than `steps`. The way lies in the
+  /// picture.
+  template <int kDx>
+  float StepsToLevel(int x, int y, int dy, int level, int steps) const {
+    const std::ptrdiff_t down = dy * stride_;
+    const std::uint8_t* row = data_ + y * stride_;
+    int inside = FromRow(row, x);
+    for (int k = 1; k <= steps; ++k) {
+      row += down;
+      x += kDx;
+      const int value = FromRow(row, x);
+      if (value < level) {
+        return static_cast<float>(k - 1) +
+               static_cast<float>(inside - level) / static_cast<float>(inside - value);
       }
+      inside = value;
     }
-
-   private:
-    const Samples& samples_;
-    int x_;
-    const std::uint8_t* at_;
-  };
-
-  Place Begin(int x, int y) const { return Place(*this, x, y); }
+    return -1.0f;
+  }
 
  private:
   int FromRow(const std::uint8_t* row, int x) const {
@@ -113,29 +104,26 @@ class StarLook {
 
   /// @param length_px  of a chord through (x, y) along the row.
   std::optional<Star> Look(int x, int y, int level, int length_px) const {
+    if (samples_(x, y) < level) return std::nullopt;
     // Half of five times the chord: minor / major >= 0.2.
     int most = Most(length_px);
     // Of a slanted ellipse each turn goes a part of the way.
-    for (int turn = 0; turn < kMostTurns; ++turn) {
-      const float up = Extent(x, y, 0, -1, level, most);
-      if (up < 0.0f) return std::nullopt;
-      const float down = Extent(x, y, 0, 1, level, most);
-      if (down < 0.0f || up + down < least_diameter_) return std::nullopt;
-      const int shift_y = Shift(up, down);
+    for (int turn = 0;; ++turn) {
+      Line upright = Along<0>(x, y, 1, level, most);
+      if (IsNone(upright)) return std::nullopt;
+      const int shift_y = upright.ToMiddle();
       y += shift_y;
-      if (samples_(x, y) < level) return std::nullopt;
-      most = Most(static_cast<int>(up + down) + 1);
-      const float left = Extent(x, y, -1, 0, level, most);
-      if (left < 0.0f) return std::nullopt;
-      const float right = Extent(x, y, 1, 0, level, most);
-      if (right < 0.0f || left + right < least_diameter_) return std::nullopt;
-      const int shift_x = Shift(left, right);
+      most = Most(static_cast<int>(upright.Length()) + 1);
+      Line flat = Along<1>(x, y, 0, level, most);
+      if (IsNone(flat)) return std::nullopt;
+      const int shift_x = flat.ToMiddle();
       x += shift_x;
-      if (samples_(x, y) < level) return std::nullopt;
-      most = std::max(most, Most(static_cast<int>(left + right) + 1));
-      if (shift_x == 0 || (turn > 0 && std::abs(shift_x) + std::abs(shift_y) < 2)) break;
+      most = std::max(most, Most(static_cast<int>(flat.Length()) + 1));
+      const bool is_middle = turn > 0 && std::abs(shift_x) + std::abs(shift_y) < 2;
+      if (shift_x != 0 && !is_middle && turn + 1 < kMostTurns) continue;
+      if (shift_x != 0) upright = Along<0>(x, y, 1, level, most);
+      return FromMiddle(x, y, level, most, flat, upright);
     }
-    return FromMiddle(x, y, level, most);
   }
 
  private:
@@ -143,56 +131,70 @@ class StarLook {
   /// sum; and how far the sides of Eq. (1) may differ, as a part of their sum.
   static constexpr float kUnlikePx = 2.5f, kUnlike = 0.1f, kUneven = 0.18f, kUnevenPx = 0.4f;
 
+  /// What one of two diameters is of the other at least: somewhat less than what the axes are.
+  static constexpr float kThin = 0.16f;
   static constexpr int kMostTurns = 4;
 
   int Most(int length) const {
     return length < max_extent_ ? std::min(max_extent_, 5 * length / 2 + 4) : max_extent_;
   }
-  static int Shift(float back, float ahead) {
-    return static_cast<int>(std::floor(0.5f * (ahead - back) + 0.5f));
+
+  /// Steps to where the values fall below the level on either side of a pixel, between
+  /// two pixels on a straight line; -1 if that is further than wanted or beyond the picture.
+  struct Line {
+    float back = -1.0f, ahead = -1.0f;
+
+    float Length() const { return back + ahead; }
+    /// Goes to the middle. @return the steps.
+    int ToMiddle() {
+      const float steps = std::floor(0.5f * (ahead - back) + 0.5f);
+      back += steps;
+      ahead -= steps;
+      return static_cast<int>(steps);
+    }
+  };
+
+  bool IsNone(const Line& line) const {
+    return line.back < 0.0f || line.Length() < least_diameter_;
   }
 
-  /// Steps to where the values fall below the level, between two pixels on a straight
-  /// line; -1 if that is further than `most` or beyond the picture.
-  float Extent(int x, int y, int dx, int dy, int level, int most) const {
+  template <int kDx>
+  Line Along(int x, int y, int dy, int level, int most) const {
+    Line line;
+    line.back = Extent<-kDx>(x, y, -dy, level, most);
+    if (line.back < 0.0f) return {};
+    line.ahead = Extent<kDx>(x, y, dy, level, most);
+    return line.ahead < 0.0f ? Line{} : line;
+  }
+
+  template <int kDx>
+  float Extent(int x, int y, int dy, int level, int most) const {
     int steps = most + 1;
-    if (dx != 0) steps = std::min(steps, dx > 0 ? samples_.width() - 1 - x : x);
+    if (kDx != 0) steps = std::min(steps, kDx > 0 ? samples_.width() - 1 - x : x);
     if (dy != 0) steps = std::min(steps, dy > 0 ? samples_.height() - 1 - y : y);
-    auto at = samples_.Begin(x, y);
-    int inside = at.Value();
-    for (int k = 1; k <= steps; ++k) {
-      at.Step(dx, dy);
-      const int value = at.Value();
-      if (value < level) {
-        return static_cast<float>(k - 1) +
-               static_cast<float>(inside - level) / static_cast<float>(inside - value);
-      }
-      inside = value;
-    }
-    return -1.0f;
+    return samples_.template StepsToLevel<kDx>(x, y, dy, level, steps);
   }
 
   struct Diameter {
     float half = -1.0f, middle = 0.0f;  ///< in steps
   };
 
-  Diameter Across(int x, int y, int dx, int dy, int level, int most) const {
-    const float back = Extent(x, y, -dx, -dy, level, most);
-    if (back < 0.0f) return {};
-    const float ahead = Extent(x, y, dx, dy, level, most);
-    const float sum = back + ahead, difference = ahead - back;
-    if (ahead < 0.0f || std::abs(difference) > kUnlikePx + kUnlike * sum) return {};
+  static Diameter Across(const Line& line) {
+    const float sum = line.Length(), difference = line.ahead - line.back;
+    if (line.back < 0.0f || std::abs(difference) > kUnlikePx + kUnlike * sum) return {};
     return {0.5f * sum, 0.5f * difference};
   }
 
-  std::optional<Star> FromMiddle(int x, int y, int level, int most) const {
-    const Diameter flat = Across(x, y, 1, 0, level, most);
-    if (flat.half < 0.5f) return std::nullopt;
-    const Diameter upright = Across(x, y, 0, 1, level, most);
-    if (upright.half < 0.5f) return std::nullopt;
-    const Diameter falling = Across(x, y, 1, 1, level, most);
+  std::optional<Star> FromMiddle(int x, int y, int level, int most, const Line& across,
+                                 const Line& up_down) const {
+    const Diameter upright = Across(up_down);
+    const Diameter flat = Across(across);
+    const float thinner = std::min(flat.half, upright.half);
+    const float longer = std::max(flat.half, upright.half);
+    if (thinner < 0.5f || thinner < kThin * longer) return std::nullopt;
+    const Diameter falling = Across(Along<1>(x, y, 1, level, most));
     if (falling.half < 0.35f) return std::nullopt;
-    const Diameter rising = Across(x, y, 1, -1, level, most);
+    const Diameter rising = Across(Along<1>(x, y, -1, level, most));
     if (rising.half < 0.35f) return std::nullopt;
     const float f = 1.0f / (flat.half * flat.half), u = 1.0f / (upright.half * upright.half);
     const float d = 0.5f / (falling.half * falling.half), r = 0.5f / (rising.half * rising.half);

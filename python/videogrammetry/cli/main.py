@@ -22,13 +22,17 @@ from videogrammetry.cli import (
     motion,
     recognize,
     simulate,
+    undistort,
     verify,
 )
 from videogrammetry.cli.common import UsageError
 from videogrammetry.errors import VideogrammetryError
 from videogrammetry.version import __version__
 
-VERBS = (demo, simulate, recognize, calibrate, measure, motion, verify, export, info, doctor)
+VERBS = (
+    *(demo, simulate, recognize, calibrate, measure, motion, verify),
+    *(export, undistort, info, doctor),
+)
 
 
 def build_parser() -> argparse.ArgumentParser:

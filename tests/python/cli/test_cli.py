@@ -26,6 +26,7 @@ VERBS = (
     "motion",
     "verify",
     "export",
+    "undistort",
     "info",
     "doctor",
 )

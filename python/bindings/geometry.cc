@@ -1,4 +1,5 @@
 #include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -9,6 +10,7 @@
 #include "videogrammetry/geometry/circle.h"
 #include "videogrammetry/geometry/circle_normal.h"
 #include "videogrammetry/geometry/conic.h"
+#include "videogrammetry/geometry/remap.h"
 #include "videogrammetry/geometry/rig.h"
 
 namespace py = pybind11;
@@ -117,6 +119,33 @@ py::tuple EstimateNormals(const Rig& rig, const std::vector<std::int64_t>& offse
   return py::make_tuple(normal, cov_normal, diameter);
 }
 
+template <typename T>
+py::array_t<T> RemapImage(const py::array_t<T, py::array::c_style>& image,
+                          const py::array_t<double, py::array::c_style>& map_px,
+                          Interpolation interpolation, int fill, int largest, int num_threads) {
+  if (image.ndim() != 2 || map_px.ndim() != 3 || map_px.shape(2) != 2) {
+    throw std::invalid_argument("remap: expected a picture (H, W) and a map (h, w, 2)");
+  }
+  const ImageView<T> view(image.data(), static_cast<int>(image.shape(1)),
+                          static_cast<int>(image.shape(0)));
+  py::array_t<T> out({map_px.shape(0), map_px.shape(1)});
+  const double* places = map_px.data();
+  T* samples = out.mutable_data();
+  const int width = static_cast<int>(map_px.shape(1)), height = static_cast<int>(map_px.shape(0));
+  const RemapOptions options{interpolation, fill, largest, num_threads};
+  {
+    const py::gil_scoped_release release;
+    Remap(view, places, width, height, options, samples);
+  }
+  return out;
+}
+
+template <typename T>
+void BindRemap(py::module_& m) {
+  m.def("remap", &RemapImage<T>, "image"_a.noconvert(), "map_px"_a.noconvert(), "interpolation"_a,
+        "fill"_a, "largest"_a, "num_threads"_a);
+}
+
 }  // namespace
 
 void BindGeometry(py::module_& parent) {
@@ -153,6 +182,12 @@ void BindGeometry(py::module_& parent) {
         "cov"_a, "position_mm"_a);
   m.def("rotation_from_vector", &RotationFromVector, "rotation_rad"_a);
   m.def("vector_from_rotation", &VectorFromRotation, "rotation"_a);
+  py::enum_<Interpolation>(m, "Interpolation")
+      .value("linear", Interpolation::kLinear)
+      .value("cubic", Interpolation::kCubic)
+      .value("lanczos", Interpolation::kLanczos);
+  BindRemap<std::uint8_t>(m);
+  BindRemap<std::uint16_t>(m);
   m.def("nearest_rotation", &NearestRotation, "matrix"_a);
 }
 

@@ -1,4 +1,4 @@
-"""``videogrammetry export``: a measurement in another format, by the file's suffix."""
+"""``videogrammetry export``: a measurement or its cameras in another format, by the suffix."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from videogrammetry.cli import exchange
 from videogrammetry.cli.common import (
     SubParsers,
     UsageError,
@@ -25,14 +26,24 @@ def add_parser(verbs: SubParsers) -> None:
         verbs,
         "export",
         run,
-        help="write a measurement in another format",
-        description="Writes trajectories, motion, the points of one stage or the targets seen; "
-        "the suffix of FILE is the format (.csv); its provenance goes to "
-        "FILE.provenance.json.",
-        example="videogrammetry export project.toml motion.csv --what motion",
+        help="write a measurement or cameras in another format",
+        description="The suffix of FILE is the format. A project to .csv: trajectories, motion, "
+        "the points of one stage or the targets seen. A rig.json (or a project's) to the files of "
+        "OpenCV (.yaml, .json), ROS, Kalibr (.yaml with --format), mrcal (.cameramodel) and COLMAP "
+        "(a folder with --format colmap), and OpenCV's, ROS' or mrcal's files to a rig.json; what "
+        "each conversion leaves is printed. Provenance goes to FILE.provenance.json.",
+        example="videogrammetry export project.toml motion.csv --what motion\n"
+        "  videogrammetry export rig.json cameras.yaml\n"
+        "  videogrammetry export left.cameramodel right.cameramodel rig.json",
     )
-    parser.add_argument("project", type=Path, metavar="PROJECT", help="project.toml or its folder")
-    parser.add_argument("file", type=Path, metavar="FILE", help="file to write")
+    parser.add_argument(
+        "inputs",
+        nargs="+",
+        type=Path,
+        metavar="INPUT",
+        help="project.toml or its folder; rig.json; other programs' camera files",
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="file or folder to write")
     parser.add_argument(
         "--what",
         choices=("trajectories", "motion", "points", "targets"),
@@ -42,19 +53,24 @@ def add_parser(verbs: SubParsers) -> None:
     parser.add_argument(
         "--stage", type=int, metavar="N", help="stage for --what points (default: the reference's)"
     )
+    exchange.add_options(parser)
     add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exports the project's measurement."""
+    """Exports the project's measurement, or exchanges cameras."""
+    if exchange.is_exchange(args):
+        return exchange.run(args)
     if args.file.suffix.lower() not in SUFFIXES:
         raise UsageError(
             f"{args.file}: {args.file.suffix or 'no suffix'!r} is no format known here; "
-            f"known: {', '.join(SUFFIXES)}"
+            f"known: {', '.join(SUFFIXES)}, for cameras .yaml, .json, .cameramodel"
         )
     if args.stage is not None and args.what != "points":
         raise UsageError("--stage goes with --what points only; leave one of them out")
-    project = read_project(args.project)
+    if len(args.inputs) != 1:
+        raise UsageError("one project is exported at a time")
+    project = read_project(args.inputs[0])
     refuse_overwrite_table(args.file, args.force)
 
     from videogrammetry.export import format_table

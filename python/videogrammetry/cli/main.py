@@ -25,6 +25,7 @@ from videogrammetry.cli import (
     plan,
     recognize,
     simulate,
+    undistort,
     verify,
 )
 from videogrammetry.cli.common import UsageError
@@ -43,6 +44,7 @@ VERBS = (
     verify,
     plan,
     export,
+    undistort,
     info,
     doctor,
 )

@@ -11,11 +11,23 @@ from videogrammetry.geometry.camera import (
     vector_from_rotation,
 )
 from videogrammetry.geometry.circle import CircleNormals, ellipse_centres, estimate_normals
+from videogrammetry.geometry.lens_model import LensModel, project_lens, rays_through_lens
 from videogrammetry.geometry.rig import (
     CAMERA_PARAMETERS,
     full_covariance,
     rig_model,
     select_cameras,
+)
+from videogrammetry.geometry.undistort import (
+    INTERPOLATIONS,
+    KEEPS,
+    Interpolation,
+    Keep,
+    Undistortion,
+    ideal_camera,
+    undistort_ellipses,
+    undistort_points,
+    undistortion_jacobian,
 )
 from videogrammetry.geometry.volume import (
     MeasuringVolume,
@@ -25,21 +37,33 @@ from videogrammetry.geometry.volume import (
 
 __all__ = [
     "CAMERA_PARAMETERS",
+    "INTERPOLATIONS",
+    "KEEPS",
     "CircleNormals",
+    "Interpolation",
+    "Keep",
+    "LensModel",
+    "Undistortion",
     "MeasuringVolume",
     "camera_model",
     "default_r0_px",
     "ellipse_centres",
     "estimate_normals",
     "full_covariance",
+    "ideal_camera",
     "nearest_rotation",
     "point_nearest_to_axes",
     "project",
+    "project_lens",
     "project_with_jacobians",
+    "rays_through_lens",
     "rays_through_pixels",
     "rig_model",
     "rotation_from_vector",
     "rotation_looking_at",
     "select_cameras",
+    "undistort_ellipses",
+    "undistort_points",
+    "undistortion_jacobian",
     "vector_from_rotation",
 ]

@@ -10,6 +10,7 @@ from videogrammetry.sequence.formats import known_suffixes
 from videogrammetry.sequence.grey import grey_from_rgb
 from videogrammetry.sequence.open import SequenceSpec, open_sequence
 from videogrammetry.sequence.parts import check_free_space
+from videogrammetry.sequence.picture_write import picture_bytes
 from videogrammetry.sequence.select import find_files, natural_key
 from videogrammetry.sequence.source import JoinedSource, check_same_length
 from videogrammetry.sequence.write import (
@@ -35,4 +36,5 @@ __all__ = [
     "known_suffixes",
     "natural_key",
     "open_sequence",
+    "picture_bytes",
 ]

@@ -7,6 +7,7 @@ import io
 import os
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,25 @@ _SUFFIX = {"tiff": ".tif", "png": ".png"}
 _HEADER_BYTES, _BLOCK_BYTES = 1024, 4096
 
 
+def picture_bytes(frame: npt.NDArray[Any], format: str) -> bytes:
+    """A picture's file: ``tiff`` (uncompressed) or ``png``, of the frame's type.
+
+    Examples
+    --------
+    >>> picture_bytes(np.zeros((4, 6), np.uint8), "png")[1:4]
+    b'PNG'
+    """
+    # In memory: a library that writes to the disk itself may not say why it fails.
+    data = io.BytesIO()
+    if format == "tiff":
+        tifffile.imwrite(
+            data, frame, photometric="minisblack", metadata=None, software="videogrammetry"
+        )
+    else:
+        Image.fromarray(np.ascontiguousarray(frame)).save(data, "PNG", compress_level=1)
+    return data.getvalue()
+
+
 class PictureOutput:
     """``FOLDER/NAME_000001.tif`` and so on, in a hidden folder until all are there."""
 
@@ -33,13 +53,15 @@ class PictureOutput:
         image_size_px: tuple[int, int],
         num_frames: int,
         bit_depth: int,
+        names: Sequence[str] | None = None,
     ) -> None:
         suffix = _SUFFIX[format]
         self._format = format
         self.target = folder
         self._part = part_of(folder)
         self._suffix = suffix
-        self._digits = max(6, len(str(num_frames)))
+        digits = max(6, len(str(num_frames)))
+        self._names = names or [f"{folder.name}_{i:0{digits}d}" for i in range(1, num_frames + 1)]
         samples = image_size_px[0] * image_size_px[1] * (1 if bit_depth == 8 else 2)
         blocks = -(-(samples + _HEADER_BYTES) // _BLOCK_BYTES)
         #: For PNG the most that it can be: how well pictures compress is not known before.
@@ -57,17 +79,9 @@ class PictureOutput:
 
     def write(self, index: int, frame: npt.NDArray[Any]) -> None:
         """Writes one picture of the writer's type."""
-        # In memory first: a library that writes to the disk itself may not say why it fails.
-        data = io.BytesIO()
-        if self._format == "tiff":
-            tifffile.imwrite(
-                data, frame, photometric="minisblack", metadata=None, software="videogrammetry"
-            )
-        else:
-            Image.fromarray(np.ascontiguousarray(frame)).save(data, "PNG", compress_level=1)
-        name = f"{self.target.name}_{index + 1:0{self._digits}d}{self._suffix}"
+        name = f"{self._names[index]}{self._suffix}"
         with (self._part / name).open("xb") as file:
-            file.write(data.getbuffer())
+            file.write(picture_bytes(frame, self._format))
             file.flush()
             os.fsync(file.fileno())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
@@ -51,6 +52,7 @@ def create_sequence(
     exposure_s: float | None = None,
     camera_name: str = "",
     date: datetime | None = None,
+    names: Sequence[str] | None = None,
 ) -> SequenceWriter:
     """Begins a sequence; nothing stands under its name until all frames have come.
 
@@ -67,6 +69,8 @@ def create_sequence(
     frame_rate_hz, exposure_s, camera_name, date : kept by ``mraw`` alone, the
         exposure to the nanosecond and the date to the minute; where no date is
         given it is that of 1 January 2000, so that equal frames give equal files.
+    names : of the pictures of a folder, without suffix, one a frame, all different;
+        None: the folder's name and the frame's number.
 
     Raises
     ------
@@ -93,6 +97,15 @@ def create_sequence(
     _check_arguments(format, image_size_px, num_frames, bit_depth, frame_rate_hz, exposure_s)
     if not camera_name.isprintable():
         raise ValueError(f"camera_name: expected printable characters, got {camera_name!r}")
+    if names is not None and (
+        format == "mraw"
+        or len(names) != num_frames
+        or len(set(names)) < num_frames
+        or any(not name or Path(name).name != name for name in names)
+    ):
+        raise ValueError(
+            f"names: expected {num_frames} different file names without folder, for pictures alone"
+        )
     path = Path(path_or_folder)
     if not path.name:
         raise ValueError(f"path_or_folder: expected a name, got {os.fspath(path_or_folder)!r}")
@@ -115,6 +128,7 @@ def create_sequence(
             image_size_px=image_size_px,
             num_frames=num_frames,
             bit_depth=bit_depth,
+            names=names,
         )
     return SequenceWriter(output, image_size_px, num_frames, bit_depth)
 

@@ -153,19 +153,5 @@ TEST(DotLookTest, FlareIsSeenAndCleanDotsHaveNone) {
   }
 }
 
-TEST(EdgePairRecognitionTest, AGleamingDotIsMeasuredWhole) {
-  const std::vector<Drawn> dots = {{{100.3, 90.6, 7.0, 6.5, 0.3}, {}, 0.0}};
-  const std::vector<Drawn> gleam = {{{102.8, 90.6, 3.5, 3.0, 0.0}, {}, 0.0}};
-  const auto dot = Coverage(dots), shine = Coverage(gleam);
-  const auto picture =
-      Paint([&](std::size_t i, int, int) { return kDark + 900.0 * dot[i] + 1800.0 * shine[i]; });
-  const auto targets = RecognizeIn(picture, Polarity::kWhiteOnBlack);
-  ASSERT_EQ(targets.size(), 1u);
-  // The gleam's own edge is over the dot's: a few tenths of a pixel, not the gleam's 2.5.
-  EXPECT_NEAR(targets[0].edge.ellipse.x_px, 100.3, 0.5);
-  EXPECT_NEAR(targets[0].edge.ellipse.y_px, 90.6, 0.5);
-  EXPECT_NEAR(targets[0].edge.ellipse.semi_major_px, 7.0, 1.0);
-}
-
 }  // namespace
 }  // namespace videogrammetry

@@ -167,9 +167,7 @@ def best_numbers(camera, points, glass, centres, cov):
         found = resect(camera_model(camera), points[rows], centres[own], threshold_px=6.0)
         if not found:
             continue
-        trial = replace(
-            camera, rotation=found[0].rotation, translation_mm=found[0].translation_mm
-        )
+        trial = replace(camera, rotation=found[0].rotation, translation_mm=found[0].translation_mm)
         for limit in (6.0, 4.0, 2.5):
             rows, own = numbered(pictures(trial, points), centres, limit)
             if len(rows) < 10:

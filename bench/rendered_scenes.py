@@ -112,67 +112,16 @@ def make_film(
     """Pictures in which the targets of a scene move by ``step_px`` from one to the next,
     each on a circle of its own, before a background that stands."""
     rng = np.random.default_rng([seed, 77])
-    family = code_family("schneider-14")
-    width, height = size
-    rows, columns = grid
-    n = count or rows * columns
-    cell = np.array([width / columns, height / rows])
-    place = rng.permutation(rows * columns)[:n]
-    radius = 0.5 * rng.uniform(*diameter_px, n)
-    has_ring = np.zeros(n, bool)
-    has_ring[rng.permutation(n)[:coded]] = True
-    # What is printed stays in its cell, 8 px off the border.
-    printed = 1.5 * radius * np.where(has_ring, 3.0, 1.6)
-    room = np.maximum(0.0, 0.5 * cell[None] - printed[:, None] - 8)
-    middle = (np.stack([place % columns, place // columns], axis=1) + 0.5) * cell - 0.5
-    x_px, y_px = (middle + rng.uniform(-1, 1, (n, 2)) * room).T
-    # One millimetre is one pixel where the plane faces the camera.
-    f = 1.5 * max(size)
-    camera = RigCamera(
-        image_size_px=size,
-        interior=np.r_[f, np.zeros(9)],
-        r0_px=0.4 * max(size),
-        rotation=np.eye(3),
-        translation_mm=np.zeros(3),
-    )
-    centre = np.stack([x_px - 0.5 * (width - 1), y_px - 0.5 * (height - 1), np.full(n, f)], axis=1)
-    normal, x_axis = _orientations(rng, centre, tilt_deg)
-    ids = np.where(has_ring, rng.permutation(np.arange(n) % len(family.codes)) + 1, -1)
-    white = WHITE * (1 + rng.uniform(-WHITE_SPREAD, WHITE_SPREAD, n))
-    targets = SceneTargets(
-        centre_mm=centre,
-        normal=normal,
-        x_axis=x_axis,
-        radius_mm=radius,
-        id=ids,
-        num_bits=np.where(has_ring, 14, 0),
-        code=np.where(has_ring, np.array(family.codes)[np.maximum(ids, 1) - 1], 0),
-        sticker_mm=np.where(has_ring, 3.6, 1.9) * radius,
-        white=white,
-        black=BLACK,
-        gradient=rng.normal(0, GRADIENT, (n, 2)),
-    )
+    n = count or math.prod(grid)
+    targets = _scattered_targets(rng, n, size, grid, coded, diameter_px, tilt_deg)
     psf = float(rng.uniform(*PSF_PX))
-    area = width * height / 1024**2
-    renderer = Renderer(
-        camera,
-        background=Background(
-            level=0.35,
-            clutter=clutter,
-            seed=int(rng.integers(2**31)),
-            num_discs=0,
-            num_lines=round(20 * area),
-            num_patches=round(20 * area),
-        ),
-        illumination=Illumination(level=LEVEL),
-        sensor=Sensor(psf_sigma_px=psf),
-    )
+    renderer = _renderer(rng, size, clutter, psf)
     begin = rng.uniform(0, 2 * math.pi, n)
     for k in range(frames):
         turn = begin + k * step_px / CIRCLE_PX
         away = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
         away -= np.stack([np.cos(begin), np.sin(begin), 0 * begin], axis=1)
-        moved = replace(targets, centre_mm=centre + CIRCLE_PX * away)
+        moved = replace(targets, centre_mm=targets.centre_mm + CIRCLE_PX * away)
         truth = renderer.truth(moved)
         seen = truth.visible
         yield Scene(
@@ -181,11 +130,73 @@ def make_film(
             semi_axes_px=truth.semi_axes_px[seen],
             angle_rad=truth.angle_rad[seen],
             id=truth.id[seen],
-            coded=has_ring[seen],
-            white=LEVEL * white[seen],
+            coded=(targets.num_bits > 0)[seen],
+            white=LEVEL * targets.white[seen],
             black=np.full(seen.sum(), LEVEL * BLACK),
             psf_px=psf,
         )
+
+
+def _focal_length_px(size):
+    return 1.5 * max(size)
+
+
+def _scattered_targets(rng, n, size, grid, coded, diameter_px, tilt_deg):
+    """Targets at random places of cells of their own; one millimetre is one pixel where
+    a target's plane faces the camera."""
+    family = code_family("schneider-14")
+    rows, columns = grid
+    cell = np.array([size[0] / columns, size[1] / rows])
+    place = rng.permutation(rows * columns)[:n]
+    radius = 0.5 * rng.uniform(*diameter_px, n)
+    has_ring = np.zeros(n, bool)
+    has_ring[rng.permutation(n)[:coded]] = True
+    # What is printed stays in its cell, 8 px off the border.
+    printed = 1.5 * radius * np.where(has_ring, 3.0, 1.6)
+    room = np.maximum(0.0, 0.5 * cell[None] - printed[:, None] - 8)
+    middle = (np.stack([place % columns, place // columns], axis=1) + 0.5) * cell - 0.5
+    xy = middle + rng.uniform(-1, 1, (n, 2)) * room - 0.5 * (np.array(size) - 1)
+    centre = np.column_stack([xy, np.full(n, _focal_length_px(size))])
+    normal, x_axis = _orientations(rng, centre, tilt_deg)
+    ids = np.where(has_ring, rng.permutation(np.arange(n) % len(family.codes)) + 1, -1)
+    return SceneTargets(
+        centre_mm=centre,
+        normal=normal,
+        x_axis=x_axis,
+        radius_mm=radius,
+        id=ids,
+        num_bits=np.where(has_ring, 14, 0),
+        code=np.where(has_ring, np.array(family.codes)[np.maximum(ids, 1) - 1], 0),
+        sticker_mm=np.where(has_ring, 3.6, 1.9) * radius,
+        white=WHITE * (1 + rng.uniform(-WHITE_SPREAD, WHITE_SPREAD, n)),
+        black=BLACK,
+        gradient=rng.normal(0, GRADIENT, (n, 2)),
+    )
+
+
+def _renderer(rng, size, clutter, psf_px):
+    camera = RigCamera(
+        image_size_px=size,
+        interior=np.r_[_focal_length_px(size), np.zeros(9)],
+        r0_px=0.4 * max(size),
+        rotation=np.eye(3),
+        translation_mm=np.zeros(3),
+    )
+    area = size[0] * size[1] / 1024**2
+    background = Background(
+        level=0.35,
+        clutter=clutter,
+        seed=int(rng.integers(2**31)),
+        num_discs=0,
+        num_lines=round(20 * area),
+        num_patches=round(20 * area),
+    )
+    return Renderer(
+        camera,
+        background=background,
+        illumination=Illumination(level=LEVEL),
+        sensor=Sensor(psf_sigma_px=psf_px),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -128,15 +128,20 @@ py::dict RecognizeOne(const Recognizer& recognizer, const py::object& frame,
   return ToArrays(targets.front());
 }
 
+std::vector<FrameView> FramesOf(const py::tuple& frames) {
+  std::vector<FrameView> views;
+  views.reserve(frames.size());
+  for (const py::handle frame : frames) views.push_back(FrameOf(frame));
+  return views;
+}
+
 /// The targets of all frames in one set of arrays; those of frame i stand at
 /// offsets[i] to offsets[i + 1].
 py::dict RecognizeList(const Recognizer& recognizer, const py::list& frames, int num_threads,
                        const CameraModel* camera) {
   // Holds the arrays while the lock is released and the list may be changed.
   const py::tuple held(frames);
-  std::vector<FrameView> views;
-  views.reserve(held.size());
-  for (const py::handle frame : held) views.push_back(FrameOf(frame));
+  const std::vector<FrameView> views = FramesOf(held);
   py::array_t<std::int64_t> offsets(static_cast<py::ssize_t>(views.size()) + 1);
   std::int64_t* offset = offsets.mutable_data();
   *offset = 0;
@@ -171,6 +176,37 @@ class Tracker {
     py::dict out = ToArrays(found.targets);
     out["full"] = found.full;
     out["lost"] = found.lost;
+    return out;
+  }
+
+  /// The next frames, in arrays as RecognizeList has them.
+  py::dict Follow(const py::list& frames) {
+    const py::tuple held(frames);
+    const std::vector<FrameView> views = FramesOf(held);
+    const auto count = static_cast<py::ssize_t>(views.size());
+    py::array_t<std::int64_t> offsets(count + 1);
+    py::array_t<bool> full(count);
+    py::array_t<std::int32_t> lost(count);
+    std::int64_t* offset = offsets.mutable_data();
+    bool* is_full = full.mutable_data();
+    std::int32_t* num_lost = lost.mutable_data();
+    *offset = 0;
+    std::vector<Target> all;
+    {
+      const py::gil_scoped_release release;
+      const std::lock_guard<std::mutex> lock(mutex_);
+      for (const FrameView& view : views) {
+        const TrackedFrame found = recognizer_.Next(view);
+        all.insert(all.end(), found.targets.begin(), found.targets.end());
+        *++offset = static_cast<std::int64_t>(all.size());
+        *is_full++ = found.full;
+        *num_lost++ = found.lost;
+      }
+    }
+    py::dict out = ToArrays(all);
+    out["offsets"] = offsets;
+    out["full"] = full;
+    out["lost"] = lost;
     return out;
   }
 
@@ -327,6 +363,7 @@ void BindRecognition(py::module_& parent) {
            "options"_a, "family"_a, "full_every"_a = tracked.full_every,
            "margin_px"_a = tracked.margin_px, "camera"_a = py::none())
       .def("next", &Tracker::Next, "frame"_a)
+      .def("follow", &Tracker::Follow, "frames"_a)
       .def_property_readonly("camera", &Tracker::camera);
 }
 

@@ -108,6 +108,10 @@ class PackedSamples(Protocol):
         ...
 
 
+#: Stands for confidences that were not given.
+_UNKNOWN = np.empty(0)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Targets:
     """The targets recognised in one picture.
@@ -135,10 +139,10 @@ class Targets:
     edge_rms_px: FloatArray
     contrast: FloatArray
     ring_status: npt.NDArray[np.uint8]
-    id_confidence: FloatArray = None  # type: ignore[assignment]  # filled in below
+    id_confidence: FloatArray = field(default_factory=lambda: _UNKNOWN)
 
     def __post_init__(self) -> None:
-        if self.id_confidence is None:
+        if self.id_confidence is _UNKNOWN:
             object.__setattr__(self, "id_confidence", np.full(len(self.id), np.nan))
 
     def __len__(self) -> int:

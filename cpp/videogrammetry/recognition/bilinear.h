@@ -26,4 +26,11 @@ inline constexpr int kBilinearMargin = 3;
 template <typename T>
 BilinearKernel<T> SelectBilinear(InstructionSet set);
 
+/// The same in packed samples of 12 bits at the places (left + x[k], y[k]): `rows` is the
+/// first byte of a row.
+using BilinearPacked12Kernel = void (*)(const std::uint8_t* rows, std::ptrdiff_t stride_bytes,
+                                        bool high_first, int left, const float* x, const float* y,
+                                        int count, float* out);
+BilinearPacked12Kernel SelectBilinearPacked12(InstructionSet set);
+
 }  // namespace videogrammetry

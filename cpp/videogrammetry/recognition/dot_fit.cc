@@ -68,60 +68,56 @@ const dot_fit::Kernels& KernelsOf([[maybe_unused]] InstructionSet set) {
   return dot_fit::BaselineKernels();
 }
 
-/// Normal equations N x = b by Cholesky's N = L L^T, written out for the few
-/// unknowns that there are: the library's takes four times as long.
+/// Normal equations N x = b by Cholesky's N = L D L^T, written out for the few unknowns
+/// that there are: the library's takes four times as long. What is known is taken out of
+/// all that is left at once, so that no step waits for a sum.
 class NormalEquations {
  public:
-  double matrix[kNumParameters][kNumParameters];  ///< lower triangle; L after Factor
+  double matrix[kNumParameters][kNumParameters];  ///< upper triangle; D L^T after Factor
   double right[kNumParameters];
 
   bool Factor() {
     for (int j = 0; j < kNumParameters; ++j) {
-      for (int i = j; i < kNumParameters; ++i) {
-        double sum = matrix[i][j];
-        for (int k = 0; k < j; ++k) sum -= matrix[i][k] * matrix[j][k];
-        matrix[i][j] = sum;
-      }
       if (!(matrix[j][j] > 0.0)) return false;
-      inverse_[j] = 1.0 / std::sqrt(matrix[j][j]);
-      for (int i = j; i < kNumParameters; ++i) matrix[i][j] *= inverse_[j];
+      inverse_[j] = 1.0 / matrix[j][j];
+      for (int i = j + 1; i < kNumParameters; ++i) {
+        const double factor = matrix[j][i] * inverse_[j];
+        for (int k = i; k < kNumParameters; ++k) matrix[i][k] -= factor * matrix[j][k];
+      }
     }
     return true;
   }
 
   Parameters Solve(const double* b) const {
     Parameters x;
-    for (int i = 0; i < kNumParameters; ++i) {
-      double sum = b[i];
-      for (int k = 0; k < i; ++k) sum -= matrix[i][k] * x[k];
-      x[i] = sum * inverse_[i];
+    for (int i = 0; i < kNumParameters; ++i) x[i] = b[i];
+    for (int j = 0; j < kNumParameters; ++j) {
+      x[j] *= inverse_[j];
+      for (int i = j + 1; i < kNumParameters; ++i) x[i] -= matrix[j][i] * x[j];
     }
-    for (int i = kNumParameters - 1; i >= 0; --i) {
-      double sum = x[i];
-      for (int k = i + 1; k < kNumParameters; ++k) sum -= matrix[k][i] * x[k];
-      x[i] = sum * inverse_[i];
+    for (int j = kNumParameters - 1; j > 0; --j) {
+      for (int i = 0; i < j; ++i) x[i] -= matrix[i][j] * inverse_[i] * x[j];
     }
     return x;
   }
 
-  /// Inverse of L's last five rows and columns: N with the other unknowns
+  /// Inverse of the last five rows and columns of L sqrt(D): N with the other unknowns
   /// eliminated is the product of that block and its transpose.
   Matrix5d InverseOfLast() const {
     constexpr int kFirst = kNumParameters - 5;
-    Matrix5d out = Matrix5d::Zero();
+    Matrix5d out = Matrix5d::Identity();
     for (int j = 0; j < 5; ++j) {
-      out(j, j) = inverse_[kFirst + j];
-      for (int i = j + 1; i < 5; ++i) {
-        double sum = 0.0;
-        for (int k = j; k < i; ++k) sum -= matrix[kFirst + i][kFirst + k] * out(k, j);
-        out(i, j) = sum * inverse_[kFirst + i];
+      for (int k = j; k < 5; ++k) {
+        const double known = out(k, j) * inverse_[kFirst + k];
+        for (int i = k + 1; i < 5; ++i) out(i, j) -= matrix[kFirst + k][kFirst + i] * known;
       }
     }
+    for (int i = 0; i < 5; ++i) out.row(i) *= std::sqrt(inverse_[kFirst + i]);
     return out;
   }
 
  private:
-  double inverse_[kNumParameters];  ///< of L's diagonal
+  double inverse_[kNumParameters];  ///< of D
 };
 
 /// A window's pixels that a fit looks at; coordinates are the window's less `origin`.
@@ -161,11 +157,11 @@ Selection SelectPixels(const dot_fit::Kernels& kernels, const GreyWindow& window
 class Iteration {
  public:
   Iteration(const dot_fit::Kernels& kernels, const Selection& selection, const DotStart& start,
-            const PictureModel* picture, std::vector<float>* rows);
+            const PictureModel* picture, bool pool, std::vector<float>* rows);
 
   /// @return false if it fails.
   bool Run();
-  std::optional<ModelFit> Result(const DotStart& start, bool pool) const;
+  std::optional<ModelFit> Result(const DotStart& start) const;
 
  private:
   bool Step(bool linearise);
@@ -181,7 +177,7 @@ class Iteration {
   EllipseFrame frame_;                      ///< less the selection's origin
   Parameters values_ = Parameters::Zero();  ///< the last five unused: frame_
   dot_fit::State state_ = {};
-  dot_fit::Sums sums_ = {};
+  dot_fit::Sums sums_;
   double light_sigma_, blur_sigma_, blur_;  ///< priors
   double bright_;                           ///< grey value of the brighter side
   double contrast_;
@@ -189,11 +185,12 @@ class Iteration {
   double factor_ = 0.0;  ///< weighted square sum after the last step over its degrees of freedom
   double plain_factor_ = 0.0;  ///< the same, outliers at full weight
   double length_px_ = 0.0;     ///< of the last step
-  NormalEquations equations_ = {};
+  NormalEquations equations_;
 };
 
 Iteration::Iteration(const dot_fit::Kernels& kernels, const Selection& selection,
-                     const DotStart& start, const PictureModel* picture, std::vector<float>* rows)
+                     const DotStart& start, const PictureModel* picture, bool pool,
+                     std::vector<float>* rows)
     : kernels_(kernels),
       selection_(selection),
       picture_(picture),
@@ -218,6 +215,7 @@ Iteration::Iteration(const dot_fit::Kernels& kernels, const Selection& selection
   state_.noise_at_zero = static_cast<float>(noise.at_zero);
   state_.noise_per_grey = static_cast<float>(noise.per_grey);
   state_.noise_least = static_cast<float>(noise.least);
+  state_.plateaus = pool;
   prior_scale_ = picture ? 1.0 : kUsualNoise * kUsualNoise * contrast_ * contrast_;
 }
 
@@ -234,7 +232,7 @@ void Iteration::Sum(bool linearise) {
     int at = 0;
     for (int i = 0; i < kNumParameters; ++i) {
       for (int j = i; j < kNumParameters; ++j) {
-        equations_.matrix[j][i] = static_cast<double>(sums_.product[at++]);
+        equations_.matrix[i][j] = static_cast<double>(sums_.product[at++]);
       }
     }
     for (const int k : {kLightX, kLightY}) equations_.matrix[k][k] += light;
@@ -293,7 +291,7 @@ bool Iteration::Run() {
   return false;
 }
 
-std::optional<ModelFit> Iteration::Result(const DotStart& start, bool pool) const {
+std::optional<ModelFit> Iteration::Result(const DotStart& start) const {
   ModelFit fit;
   EllipseFrame frame = frame_;
   frame.center += selection_.origin;
@@ -318,7 +316,7 @@ std::optional<ModelFit> Iteration::Result(const DotStart& start, bool pool) cons
   const Matrix5d cov = factor * part.transpose() * part;
   fit.cov = 0.5 * (cov + cov.transpose());  // rounding
   BoundDirection(&fit.cov);
-  if (pool) FillPool(contrast, factor, &fit);
+  if (state_.plateaus) FillPool(contrast, factor, &fit);
   return fit;
 }
 
@@ -395,9 +393,9 @@ std::optional<ModelFit> DotFitter::Fit(const GreyWindow& window, const DotStart&
                                        const PictureModel* picture, bool pool) {
   const double blur = picture ? picture->blur_px : DotFitter::kUsualBlurPx;
   const Selection selection = SelectPixels(*kernels_, window, start.frame, blur, false, &pixels_);
-  Iteration iteration(*kernels_, selection, start, picture, &rows_);
+  Iteration iteration(*kernels_, selection, start, picture, pool, &rows_);
   if (!iteration.Run()) return std::nullopt;
-  return iteration.Result(start, pool);
+  return iteration.Result(start);
 }
 
 }  // namespace videogrammetry

@@ -35,17 +35,19 @@ struct State {
   float value[kNumParameters];
   Conic light;  ///< only centre and V = (sxx, sxy, syy): the light's v = V (p - centre)
   float noise_at_zero, noise_per_grey, noise_least;
-  float huber;  ///< deviations beyond which a pixel counts less
+  float huber;    ///< deviations beyond which a pixel counts less
+  bool plateaus;  ///< sum what Sums has of the plateaus too, which costs time
 };
 
 /// J^T W J (upper triangle, row by row), J^T W r and what the residuals sum to.
 struct Sums {
   float product[kNumProducts];
   float right[kNumParameters];
-  float squares;                       ///< weighted, of the residuals
-  float plain_squares;                 ///< the same, outliers at full weight
-  float bright_squares, bright_count;  ///< unweighted, of pixels inside the edge,
-  float dark_squares, dark_count;      ///< and beyond it
+  float squares;        ///< weighted, of the residuals
+  float plain_squares;  ///< the same, outliers at full weight
+  /// Where State::plateaus, unweighted, of pixels inside the edge,
+  float bright_squares, bright_count;
+  float dark_squares, dark_count;  ///< and beyond it
 };
 
 struct Kernels {

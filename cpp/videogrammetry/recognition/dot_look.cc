@@ -5,64 +5,111 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace videogrammetry {
 namespace {
 
 /// Widths of the edge that a plateau keeps clear of, and the ground looked at beyond.
 constexpr double kEdge = 2.5, kGroundPx = 3.0;
-constexpr double kDeep = 0.6;  ///< inner places, in minor axes from the contour
+constexpr float kDeep = 0.6f;  ///< inner places, in minor axes from the contour
 
 constexpr int kPlaces = 16;
 
-const std::array<Eigen::Vector2d, kPlaces>& Directions() {
+using Places = std::array<float, kPlaces>;
+
+struct DirectionTable {
+  Places cosine, sine;
+};
+
+const DirectionTable& Directions() {
   static const auto directions = [] {
-    std::array<Eigen::Vector2d, kPlaces> u;
-    for (int i = 0; i < kPlaces; ++i) {
-      const double t = 2 * std::numbers::pi * i / kPlaces;
-      u[static_cast<std::size_t>(i)] = {std::cos(t), std::sin(t)};
+    DirectionTable table;
+    for (std::size_t i = 0; i < kPlaces; ++i) {
+      const double t = 2 * std::numbers::pi * static_cast<double>(i) / kPlaces;
+      table.cosine[i] = static_cast<float>(std::cos(t));
+      table.sine[i] = static_cast<float>(std::sin(t));
     }
-    return u;
+    return table;
   }();
   return directions;
 }
 
 /// Grey values at some distances from the ellipse, in the directions of its normals.
 template <std::size_t kDistances>
-using Around = std::array<std::array<float, kPlaces>, kDistances>;
+using Around = std::array<Places, kDistances>;
 
-/// @return false if the window ends before.
+/// @return false if the picture ends before.
 template <std::size_t kDistances>
-bool SampleAround(const GreyWindow& window, const EllipseFrame& frame,
-                  const std::array<double, kDistances>& distances_px, Around<kDistances>* grey) {
+bool SampleAround(const GreySampler& picture, const EllipseFrame& frame,
+                  const std::array<float, kDistances>& distances_px, Around<kDistances>* grey) {
   const Eigen::Matrix2d& e = frame.shape;
-  Around<kDistances> x, y;
-  double left = 1e9, right = -1e9, top = 1e9, bottom = -1e9;
+  const double most = *std::max_element(distances_px.begin(), distances_px.end()) + 0.01;
+  const double reach_x = std::sqrt(e(0, 0) * e(0, 0) + e(0, 1) * e(0, 1)) + most;
+  const double reach_y = std::sqrt(e(0, 1) * e(0, 1) + e(1, 1) * e(1, 1)) + most;
+  const double cx = frame.center.x(), cy = frame.center.y();
+  if (!picture.Covers(cx - reach_x, cy - reach_y) || !picture.Covers(cx + reach_x, cy + reach_y)) {
+    return false;
+  }
+  // Coordinates count from the upper left corner.
+  const double left = std::floor(cx - reach_x), top = std::floor(cy - reach_y);
+  const auto exx = static_cast<float>(e(0, 0)), exy = static_cast<float>(e(0, 1)),
+             eyy = static_cast<float>(e(1, 1));
+  const auto x0 = static_cast<float>(cx - left), y0 = static_cast<float>(cy - top);
+  const Places &ux = Directions().cosine, &uy = Directions().sine;
+  Places nx, ny, px, py;
   for (std::size_t k = 0; k < kPlaces; ++k) {
-    const double ux = Directions()[k].x(), uy = Directions()[k].y();
-    const double nx = e(1, 1) * ux - e(0, 1) * uy, ny = e(0, 0) * uy - e(0, 1) * ux;
-    const double length = 1.0 / std::sqrt(nx * nx + ny * ny);
-    const double px = frame.center.x() + e(0, 0) * ux + e(0, 1) * uy;
-    const double py = frame.center.y() + e(0, 1) * ux + e(1, 1) * uy;
-    for (std::size_t i = 0; i < kDistances; ++i) {
-      const double qx = px + distances_px[i] * length * nx;
-      const double qy = py + distances_px[i] * length * ny;
-      x[i][k] = static_cast<float>(qx);
-      y[i][k] = static_cast<float>(qy);
-      left = std::min(left, qx);
-      right = std::max(right, qx);
-      top = std::min(top, qy);
-      bottom = std::max(bottom, qy);
+    nx[k] = eyy * ux[k] - exy * uy[k];
+    ny[k] = exx * uy[k] - exy * ux[k];
+    const float length = 1.0f / std::sqrt(nx[k] * nx[k] + ny[k] * ny[k]);
+    nx[k] *= length;
+    ny[k] *= length;
+    px[k] = x0 + (exx * ux[k] + exy * uy[k]);
+    py[k] = y0 + (exy * ux[k] + eyy * uy[k]);
+  }
+  Around<kDistances> x, y;
+  for (std::size_t i = 0; i < kDistances; ++i) {
+    for (std::size_t k = 0; k < kPlaces; ++k) {
+      x[i][k] = px[k] + distances_px[i] * nx[k];
+      y[i][k] = py[k] + distances_px[i] * ny[k];
     }
   }
-  if (!window.Covers(left, top) || !window.Covers(right, bottom)) return false;
-  window.Sample(x[0].data(), y[0].data(), static_cast<int>(kDistances * kPlaces),
-                (*grey)[0].data());
+  picture.Sample(static_cast<int>(left), static_cast<int>(top), static_cast<int>(cy + reach_y) + 1,
+                 x[0].data(), y[0].data(), static_cast<int>(kDistances * kPlaces),
+                 (*grey)[0].data());
   return true;
 }
 
-float Median(std::array<float, kPlaces> grey) {
-  std::nth_element(grey.begin(), grey.begin() + kPlaces / 2, grey.end());
+/// Batcher's network that sorts kPlaces values without a branch: pairs to be put in order.
+constexpr std::size_t kExchanges = 63;
+constexpr auto kNetwork = [] {
+  std::array<std::array<std::size_t, 2>, kExchanges> pairs = {};
+  std::size_t at = 0;
+  for (std::size_t p = 1; p < kPlaces; p *= 2) {
+    for (std::size_t k = p; k >= 1; k /= 2) {
+      for (std::size_t j = k % p; j + k < kPlaces; j += 2 * k) {
+        for (std::size_t i = j; i < j + k && i + k < kPlaces; ++i) {
+          if (i / (2 * p) == (i + k) / (2 * p)) pairs[at++] = {i, i + k};
+        }
+      }
+    }
+  }
+  return pairs;
+}();
+
+template <std::size_t... kSteps>
+inline void Sort(std::index_sequence<kSteps...>, Places* v) {
+  const auto exchange = [v](std::size_t i, std::size_t j) {
+    const float a = (*v)[i], b = (*v)[j];
+    (*v)[i] = a < b ? a : b;
+    (*v)[j] = a < b ? b : a;
+  };
+  (exchange(kNetwork[kSteps][0], kNetwork[kSteps][1]), ...);
+}
+
+/// The upper of the two middle values.
+float Median(Places grey) {
+  Sort(std::make_index_sequence<kExchanges>(), &grey);
   return grey[kPlaces / 2];
 }
 
@@ -102,16 +149,16 @@ class Plane {
 
 }  // namespace
 
-bool MeasureGrey(const GreyWindow& window, DotStart* dot) {
+bool MeasureGrey(const GreySampler& picture, DotStart* dot) {
   constexpr int kMayFail = 1;
-  constexpr double kNearPx = 1.25, kFarPx = 2.25;
+  constexpr float kNearPx = 1.25f, kFarPx = 2.25f;
   const Eigen::Matrix2d& e = dot->frame.shape;
   // (not less than the minor axis)
-  const double minor = e.determinant() / std::max(e(0, 0), e(1, 1));
+  const auto minor = static_cast<float>(e.determinant() / std::max(e(0, 0), e(1, 1)));
   Around<4> grey;
-  const std::array<double, 4> distances = {-kDeep * minor, -std::min(1.5, 0.6 * minor), kNearPx,
-                                           kFarPx};
-  if (!SampleAround(window, dot->frame, distances, &grey)) return false;
+  const std::array<float, 4> distances = {-kDeep * minor, -std::min(1.5f, 0.6f * minor), kNearPx,
+                                          kFarPx};
+  if (!SampleAround(picture, dot->frame, distances, &grey)) return false;
   const auto& [deep, in, out, far] = grey;
   dot->inside = Median(deep);
   // On a narrow dark rim the nearer one is the dot's ground.

@@ -3,6 +3,7 @@
 #include <optional>
 
 #include "videogrammetry/recognition/dot_fit.h"
+#include "videogrammetry/recognition/grey_sampler.h"
 #include "videogrammetry/recognition/grey_window.h"
 
 namespace videogrammetry {
@@ -13,7 +14,8 @@ namespace videogrammetry {
 ///
 /// @param dot  its frame; its grey values are measured.
 /// @return false unless it is brighter inside than outside all around; one place may fail.
-bool MeasureGrey(const GreyWindow& window, DotStart* dot);
+///     And where the picture ends before one of them.
+bool MeasureGrey(const GreySampler& picture, DotStart* dot);
 
 /// The ellipse cut out at `level` as if cut at half height: of a blurred edge the part a is
 /// reached s times the normal distribution's quantile of a inside of it, or

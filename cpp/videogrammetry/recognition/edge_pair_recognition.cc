@@ -41,6 +41,10 @@ constexpr double kMoreReachPx = 2.0;
 constexpr double kUnclearReachPx = 10.0;
 /// Part of the contrast at which a dot with a gleam is cut out anew.
 constexpr double kLowLevel = 0.2;
+/// A dot this near to its place has its pixels around it.
+constexpr double kNearExpectedPx = 0.5;
+/// A dot's axes change by no more than this part from frame to frame.
+constexpr double kMostResized = 0.25;
 /// How much larger a dot may be than the gleam on it, in radii of that.
 constexpr double kMostGleam = 2.0;
 
@@ -208,12 +212,19 @@ bool IsVague(const TargetEdge& dot) {
 
 }  // namespace
 
+bool ExpectedDot::IsLike(const Ellipse& other) const {
+  const double most = kMostResized * ellipse.semi_major_px;
+  return std::abs(other.semi_major_px - ellipse.semi_major_px) < most &&
+         std::abs(other.semi_minor_px - ellipse.semi_minor_px) < most;
+}
+
 EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
                                          const CodeFamily& family, int gradient_threshold)
     : options_(options),
       family_(family),
       gradient_threshold_(gradient_threshold),
       reader_(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1),
+      sampler_(frame, reader_.sign()),
       places_(reader_.width(), reader_.height()),
       rings_(family, reader_.width(), reader_.height()) {}
 
@@ -233,8 +244,8 @@ std::optional<EdgePairRecognition::Start> EdgePairRecognition::BeginAt(const Dot
   const auto shape = ShapeOfMoments(m.var_xx, m.var_xy, m.var_yy);
   if (!shape) return std::nullopt;
   DotStart dot = {{{m.mean_x, m.mean_y}, *shape}, region.inside, region.outside};
+  if (!MeasureGrey(sampler_, &dot)) return std::nullopt;
   *window = WindowOf(dot.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
-  if (!MeasureGrey(*window, &dot)) return std::nullopt;
   Resize(region.level(), blur_px, &dot);
   const auto begun = fitter_.Begin(*window, dot, blur_px);
   return Start{begun ? *begun : dot, dot};
@@ -290,24 +301,85 @@ bool EdgePairRecognition::HasSize(const Ellipse& e) const {
          2.0 * e.semi_major_px <= options_.diameter_px[1];
 }
 
-/// What is not clearly a dot goes to unclear_.
-std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start,
-                                                              const GreyWindow& window) {
-  std::optional<ModelFit> fit;
-  if (picture_ && options_.estimator != Estimator::kMeanGradient) {
-    fit = fitter_.Fit(window, start.dot, &*picture_);
-  }
-  if (!fit || !IsClear(*fit, picture_->noise)) {
-    unclear_.push_back(start);
-    return std::nullopt;
-  }
-  if (!HasSize(fit->ellipse)) return std::nullopt;
-  TargetEdge edge = EdgeOf(*fit, picture_->noise);
+/// @return nullopt if it is not clearly a dot.
+std::optional<ModelFit> EdgePairRecognition::FitClear(const DotStart& dot,
+                                                      const GreyWindow& window) {
+  if (!picture_ || options_.estimator == Estimator::kMeanGradient) return std::nullopt;
+  auto fit = fitter_.Fit(window, dot, &*picture_);
+  if (fit && !IsClear(*fit, picture_->noise)) fit.reset();
+  return fit;
+}
+
+/// @return nullopt if the dot has not the size asked for.
+std::optional<TargetEdge> EdgePairRecognition::EdgeOfDot(const ModelFit& fit,
+                                                         const EllipseFrame& frame) {
+  if (!HasSize(fit.ellipse)) return std::nullopt;
+  TargetEdge edge = EdgeOf(fit, picture_->noise);
   if (picture_->flare > PictureModel{}.flare) {
-    const WindowPicture local(WindowOf(start.dot.frame, kUnclearReachPx), reader_.sign());
+    const WindowPicture local(WindowOf(frame, kUnclearReachPx), reader_.sign());
     local.Refine(&*picture_, &edge);
   }
   return edge;
+}
+
+/// What is not clearly a dot goes to unclear_.
+std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start,
+                                                              const GreyWindow& window) {
+  const auto fit = FitClear(start.dot, window);
+  if (fit) return EdgeOfDot(*fit, start.dot.frame);
+  unclear_.push_back(start);
+  return std::nullopt;
+}
+
+/// Start of a fit near where a dot is expected: its moments, again where they move it so far
+/// that the pixels around its old place were the wrong ones.
+std::optional<DotStart> EdgePairRecognition::BeginAtExpected(const ExpectedDot& dot,
+                                                             GreyWindow* window) {
+  constexpr int kRounds = 4;
+  const double blur_px = UsualBlur();
+  DotStart start = {EllipseFrame::From(dot.ellipse), dot.inside, dot.outside};
+  for (int round = 0; round < kRounds; ++round) {
+    DotStart looked = start;
+    // (off its place it looks like none, and is found by the grey values that it had)
+    const bool is_dot = MeasureGrey(sampler_, &looked);
+    if (is_dot) start = looked;
+    *window = WindowOf(start.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
+    const auto begun = fitter_.Begin(*window, start, blur_px);
+    if (!begun) return std::nullopt;
+    const double moved = (begun->frame.center - start.frame.center).norm();
+    start = *begun;
+    if (is_dot && moved < kNearExpectedPx) return start;
+  }
+  return std::nullopt;
+}
+
+bool EdgePairRecognition::MeasureExpectedDot(const ExpectedDot& dot) {
+  GreyWindow window;
+  const auto start = BeginAtExpected(dot, &window);
+  if (!start) return false;
+  const auto fit = FitClear(*start, window);
+  if (!fit || !dot.IsLike(fit->ellipse)) return false;
+  const auto edge = EdgeOfDot(*fit, start->frame);
+  if (!edge) return false;
+  const Ellipse& e = edge->ellipse;
+  if (rings_.Holds({e.x_px, e.y_px}, e.semi_minor_px)) return false;
+  Add(*edge, *edge);
+  return true;
+}
+
+std::vector<int> EdgePairRecognition::MeasureExpected(const std::vector<ExpectedDot>& dots) {
+  std::vector<int> order(dots.size()), missing;
+  std::iota(order.begin(), order.end(), 0);
+  const auto area = [&](int i) {
+    const Ellipse& e = dots[static_cast<std::size_t>(i)].ellipse;
+    return e.semi_major_px * e.semi_minor_px;
+  };
+  std::sort(order.begin(), order.end(),
+            [&](int a, int b) { return std::pair(-area(a), a) < std::pair(-area(b), b); });
+  for (const int i : order) {
+    if (!MeasureExpectedDot(dots[static_cast<std::size_t>(i)])) missing.push_back(i);
+  }
+  return missing;
 }
 
 std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureByLocalCanny(
@@ -343,7 +415,7 @@ std::optional<DotStart> EdgePairRecognition::CutOutLow(const DotStart& dot) {
   const Eigen::Vector2d center(area->mean_x + window.x0, area->mean_y + window.y0);
   DotStart low = {{center, *shape}, dot.inside, dot.outside};
   Resize(level, UsualBlur(), &low);
-  if (!MeasureGrey(window, &low)) return std::nullopt;
+  if (!MeasureGrey(sampler_, &low)) return std::nullopt;
   return low;
 }
 
@@ -363,8 +435,7 @@ void EdgePairRecognition::ReadRingAgain(const TargetEdge& dot, RingReading* ring
   const auto canny =
       MeasureByLocalCanny({EllipseFrame::From(dot.ellipse), dot.inside, dot.outside});
   if (!canny) return;
-  const GreyWindow window = ReadRingWindow(canny->found, family_, &reader_);
-  const RingReading again = ReadRing(window, canny->found, family_, options_.direction);
+  const RingReading again = ReadRing(sampler_, canny->found, family_, options_.direction);
   if (again.id) *ring = again;
 }
 
@@ -374,8 +445,7 @@ void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot
   places_.Insert(e.x_px, e.y_px, static_cast<int>(targets_.size()));
   Target target{edge, {}};
   if (family_.num_bits > 0) {
-    const GreyWindow window = ReadRingWindow(ring_dot, family_, &reader_);
-    target.ring = ReadRing(window, ring_dot, family_, options_.direction);
+    target.ring = ReadRing(sampler_, ring_dot, family_, options_.direction);
     // (a second chance for every ring would let prints of other families through)
     const RingStatus status = target.ring.status;
     if (IsVague(ring_dot) && !target.ring.id && status != RingStatus::kNoRing) {

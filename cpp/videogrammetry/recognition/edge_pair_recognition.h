@@ -8,12 +8,22 @@
 #include "videogrammetry/recognition/code_family.h"
 #include "videogrammetry/recognition/dot_fit.h"
 #include "videogrammetry/recognition/edge_pair_search.h"
+#include "videogrammetry/recognition/grey_sampler.h"
 #include "videogrammetry/recognition/options.h"
 #include "videogrammetry/recognition/place_index.h"
 #include "videogrammetry/recognition/target.h"
 #include "videogrammetry/recognition/target_selection.h"
 
 namespace videogrammetry {
+
+/// A dot as the picture before lets it be expected.
+struct ExpectedDot {
+  Ellipse ellipse;
+  double inside = 0.0, outside = 0.0;  ///< grey values, with the polarity's sign
+
+  /// Whether it may be the same dot: axes change by a quarter at most.
+  bool IsLike(const Ellipse& other) const;
+};
 
 /// Makes targets of the areas of one picture that may be dots.
 ///
@@ -47,6 +57,12 @@ class EdgePairRecognition {
   /// Standard deviation of the grey values inside the dots that were learned from.
   double texture() const { return texture_; }
 
+  /// Measures dots where they are expected, without a search, by the same look, start and
+  /// fit; SetPicture comes before, Measure after it for all others.
+  ///
+  /// @return numbers of those that were not found or are no clear dots.
+  std::vector<int> MeasureExpected(const std::vector<ExpectedDot>& dots);
+
   /// @return the targets in the order of their centres' y, then x.
   std::vector<Target> Measure(const std::vector<DotRegion>& regions);
 
@@ -66,7 +82,11 @@ class EdgePairRecognition {
   std::optional<Start> BeginAt(const DotRegion& region, double blur_px, GreyWindow* window);
   std::optional<PictureModel> LearnFrom(const std::vector<DotRegion>& regions,
                                         const std::vector<int>& order);
+  std::optional<ModelFit> FitClear(const DotStart& dot, const GreyWindow& window);
+  std::optional<TargetEdge> EdgeOfDot(const ModelFit& fit, const EllipseFrame& frame);
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
+  std::optional<DotStart> BeginAtExpected(const ExpectedDot& dot, GreyWindow* window);
+  bool MeasureExpectedDot(const ExpectedDot& dot);
   std::optional<CannyDot> MeasureByLocalCanny(const DotStart& dot);
   std::optional<DotStart> CutOutLow(const DotStart& dot);
   std::optional<CannyDot> MeasureUnclearAt(const Start& start);
@@ -83,6 +103,7 @@ class EdgePairRecognition {
   const CodeFamily& family_;
   const int gradient_threshold_;  ///< of the search
   WindowReader reader_;
+  GreySampler sampler_;
   DotFitter fitter_;
   std::optional<PictureModel> picture_;
   double texture_ = 0.0;

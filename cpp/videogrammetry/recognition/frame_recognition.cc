@@ -20,10 +20,9 @@ namespace {
 void ReadRings(const FrameView& frame, int sign, const CodeFamily& family,
                ReadingDirection direction, std::vector<Target>* targets) {
   if (family.num_bits == 0) return;
-  WindowReader reader(frame, sign);
+  const GreySampler picture(frame, sign);
   for (Target& target : *targets) {
-    const GreyWindow window = ReadRingWindow(target.edge, family, &reader);
-    target.ring = ReadRing(window, target.edge, family, direction);
+    target.ring = ReadRing(picture, target.edge, family, direction);
   }
 }
 
@@ -98,6 +97,18 @@ void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options,
   }
 }
 
+/// The areas that may be dots, by a camera's model.
+std::vector<DotRegion> FindAreas(const FrameView& frame, const RecognitionOptions& options,
+                                 const CameraModel& camera,
+                                 const std::vector<SearchWindow>& windows) {
+  const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
+  auto areas = FindDotRegions(frame, sign, options.diameter_px, camera.gradient_threshold, windows);
+  if (camera.second_threshold != 0) {
+    AddTexturedAreas(frame, options, camera.second_threshold, windows, &areas);
+  }
+  return areas;
+}
+
 /// The fast way, in parts of the picture. What it learned of the camera goes to `learned`,
 /// if that is not null.
 std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const RecognitionOptions& options,
@@ -127,6 +138,13 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
     *learned = CameraModel{threshold, second, *recognition.picture()};
   }
   return targets;
+}
+
+/// Measures the targets anew if the estimator is not one of the methods' own.
+void Refine(const FrameView& frame, const RecognitionOptions& options,
+            std::vector<Target>* targets) {
+  if (options.estimator != Estimator::kDualConic) return;
+  RefineByDualConic(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1, EdgesOf(targets));
 }
 
 std::vector<std::uint16_t> Unpacked(const Packed12View& image) {
@@ -167,10 +185,27 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
         },
         frame);
   }
-  if (options.estimator == Estimator::kDualConic) {
-    RefineByDualConic(frame, options.polarity == Polarity::kWhiteOnBlack ? 1 : -1,
-                      EdgesOf(&targets));
+  Refine(frame, options, &targets);
+  return targets;
+}
+
+std::vector<Target> RecognizeExpected(const FrameView& frame, const RecognitionOptions& options,
+                                      const CodeFamily& family, const CameraModel& camera,
+                                      const std::vector<ExpectedDot>& dots,
+                                      const std::vector<SearchWindow>& windows) {
+  if (options.estimator != Estimator::kModel || FrameWidth(frame) < 3 || FrameHeight(frame) < 3) {
+    return RecognizeFrame(frame, options, family, &camera, windows, nullptr);
   }
+  EdgePairRecognition recognition(frame, options, family, camera.gradient_threshold);
+  recognition.SetPicture(camera.picture);
+  std::vector<SearchWindow> left;
+  for (const int i : recognition.MeasureExpected(dots)) {
+    left.push_back(windows[static_cast<std::size_t>(i)]);
+  }
+  std::vector<DotRegion> areas;
+  if (!left.empty()) areas = FindAreas(frame, options, camera, left);
+  std::vector<Target> targets = recognition.Measure(areas);
+  SelectByRings(family, frame, &targets);
   return targets;
 }
 

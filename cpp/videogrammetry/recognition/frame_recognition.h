@@ -7,6 +7,7 @@
 
 #include "videogrammetry/recognition/camera_model.h"
 #include "videogrammetry/recognition/code_family.h"
+#include "videogrammetry/recognition/edge_pair_recognition.h"
 #include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/grey_window.h"
 #include "videogrammetry/recognition/options.h"
@@ -24,5 +25,16 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
                                    const CodeFamily& family, const CameraModel* camera,
                                    const std::vector<SearchWindow>& windows,
                                    std::optional<CameraModel>* learned);
+
+/// Recognises the targets of a frame by the method kEdgePair where they are expected.
+///
+/// What FitModel's fast fit measures (the estimator kModel) needs no search. For all other
+/// estimators, and for a dot that is not found so, its window is searched.
+///
+/// @param windows  one a dot.
+std::vector<Target> RecognizeExpected(const FrameView& frame, const RecognitionOptions& options,
+                                      const CodeFamily& family, const CameraModel& camera,
+                                      const std::vector<ExpectedDot>& dots,
+                                      const std::vector<SearchWindow>& windows);
 
 }  // namespace videogrammetry

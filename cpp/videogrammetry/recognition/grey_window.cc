@@ -28,29 +28,6 @@ int FrameHeight(const FrameView& frame) {
   return std::visit([](const auto& view) { return view.height(); }, frame);
 }
 
-float GreyWindow::Bilinear(float x, float y) const {
-  const float px = x - static_cast<float>(x0), py = y - static_cast<float>(y0);
-  float out = 0.0f;
-  grey_window::BaselineKernels().sample(data, stride, &px, &py, 1, &out);
-  return out;
-}
-
-void GreyWindow::Sample(const float* x, const float* y, int count, float* out) const {
-  // In parts, so that the shifted coordinates stay on the stack.
-  constexpr int kPart = 256;
-  float px[kPart], py[kPart];
-  const auto left = static_cast<float>(x0), top = static_cast<float>(y0);
-  const auto& kernels = KernelsOf(set);
-  for (int begin = 0; begin < count; begin += kPart) {
-    const int n = std::min(kPart, count - begin);
-    for (int k = 0; k < n; ++k) {
-      px[k] = x[begin + k] - left;
-      py[k] = y[begin + k] - top;
-    }
-    kernels.sample(data, stride, px, py, n, out + begin);
-  }
-}
-
 void WindowReader::ReadRows(const ImageView8& view, const GreyWindow& window, int count,
                             float* out) const {
   const auto& kernels = KernelsOf(set_);
@@ -89,7 +66,6 @@ WindowReader::WindowReader(const FrameView& frame, int sign, InstructionSet set)
 
 GreyWindow WindowReader::Read(int x0, int y0, int x1, int y1) {
   GreyWindow window;
-  window.set = set_;
   window.x0 = std::max(0, x0);
   window.y0 = std::max(0, y0);
   window.width = std::max(0, std::min(width_ - 1, x1) - window.x0 + 1);

@@ -26,16 +26,6 @@ struct GreyWindow {
 
   const float* row(int y) const { return data + (y - y0) * stride; }
   float operator()(int x, int y) const { return row(y)[x - x0]; }
-  /// True if the bilinear value at (x, y) needs no pixel outside the window.
-  bool Covers(double x, double y) const {
-    return x >= x0 && y >= y0 && x <= x0 + width - 1.001 && y <= y0 + height - 1.001;
-  }
-  /// Grey value between pixels, paper Eq. (9); Covers(x, y) must be true.
-  float Bilinear(float x, float y) const;
-  /// The same at many places, by the fastest kernel, the same bits from each.
-  void Sample(const float* x, const float* y, int count, float* out) const;
-
-  InstructionSet set = InstructionSet::kBaseline;  ///< of the kernels to use
 };
 
 /// Reads windows of a picture, converting each sample once; keeps its memory.

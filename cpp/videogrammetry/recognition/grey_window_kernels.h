@@ -15,9 +15,6 @@ struct Kernels {
   void (*row16)(const std::uint16_t* samples, int count, float sign, float* out);
   /// Packed samples of 12 bits, beginning with an even one.
   void (*row12)(const std::uint8_t* packed, bool high_first, int count, float sign, float* out);
-  /// Bilinear values at (x, y) from the first of `data`.
-  void (*sample)(const float* data, std::ptrdiff_t stride, const float* x, const float* y,
-                 int count, float* out);
 };
 
 const Kernels& BaselineKernels();

@@ -55,8 +55,8 @@ RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
 /// fewer than two of them in the ring's middle are brighter than 0.3 of the dot's
 /// contrast (a bright sector that can be read holds three or four such), or the gap
 /// between dot and ring is bright in more than one direction of thirty. kRingCut:
-/// the window ends before the ring's inner part does; let ReadRingWindow() read it.
-RingReading ReadRing(const GreyWindow& window, const TargetEdge& dot, const CodeFamily& family,
+/// the picture ends before the ring's inner part does.
+RingReading ReadRing(const GreySampler& picture, const TargetEdge& dot, const CodeFamily& family,
                      ReadingDirection direction);
 
 }  // namespace videogrammetry

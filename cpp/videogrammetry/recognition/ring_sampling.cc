@@ -24,7 +24,7 @@ struct Directions {
   }
 };
 
-/// One table for every number of sectors, built once.
+/// One table for every number of sectors, built once. (0, 0) follows the last direction.
 template <int kPerSector>
 const Directions<kPerSector>& DirectionsOf(int num_bits) {
   static const auto tables = [] {
@@ -50,8 +50,9 @@ struct RingSampler::Turned {
   }
 };
 
-RingSampler::RingSampler(const GreyWindow& window, const TargetEdge& dot, const CodeFamily& family)
-    : window_(window), family_(family), x_(dot.ellipse.x_px), y_(dot.ellipse.y_px) {
+RingSampler::RingSampler(const GreySampler& picture, const TargetEdge& dot,
+                         const CodeFamily& family)
+    : picture_(picture), family_(family), x_(dot.ellipse.x_px), y_(dot.ellipse.y_px) {
   // E = R diag(a, b) R^T, as EllipseFrame has it.
   const double c = std::cos(dot.ellipse.angle_rad), s = std::sin(dot.ellipse.angle_rad);
   const double a = dot.ellipse.semi_major_px, b = dot.ellipse.semi_minor_px;
@@ -81,23 +82,30 @@ bool RingSampler::Circle(const Turned& turned, double radius, int per_sector, fl
              xy = static_cast<float>(radius * turned.xy);
   const auto yx = static_cast<float>(radius * turned.yx),
              yy = static_cast<float>(radius * turned.yy);
-  const auto cx = static_cast<float>(x_), cy = static_cast<float>(y_);
+  // Coordinates count from the circle's upper left corner.
+  const double reach_x = radius * reach_x_ + 0.01, reach_y = radius * reach_y_ + 0.01;
+  const double left = std::floor(x_ - reach_x), top = std::floor(y_ - reach_y);
+  const auto cx = static_cast<float>(x_ - left), cy = static_cast<float>(y_ - top);
+  // Whole groups of places: beyond the table's end they are the dot's centre.
+  constexpr int kGroup = 16;
+  const int padded = (count + kGroup - 1) / kGroup * kGroup;
   std::array<float, kRingPerSector * kMaxCodeBits> x, y;
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < padded; ++i) {
     x[static_cast<std::size_t>(i)] = cx + (xx * cosine[i] + xy * sine[i]);
     y[static_cast<std::size_t>(i)] = cy + (yx * cosine[i] + yy * sine[i]);
   }
-  const double reach_x = radius * reach_x_, reach_y = radius * reach_y_;
-  bool whole = window_.Covers(x_ - reach_x - 0.01, y_ - reach_y - 0.01) &&
-               window_.Covers(x_ + reach_x + 0.01, y_ + reach_y + 0.01);
+  bool whole =
+      picture_.Covers(x_ - reach_x, y_ - reach_y) && picture_.Covers(x_ + reach_x, y_ + reach_y);
   if (whole) {
-    window_.Sample(x.data(), y.data(), count, values);
+    picture_.Sample(static_cast<int>(left), static_cast<int>(top),
+                    static_cast<int>(y_ + reach_y) + 1, x.data(), y.data(), padded, values);
   } else {
     whole = true;
     for (int i = 0; i < count; ++i) {
-      const float px = x[static_cast<std::size_t>(i)], py = y[static_cast<std::size_t>(i)];
-      const bool covered = window_.Covers(px, py);
-      values[i] = covered ? window_.Bilinear(px, py) : std::numeric_limits<float>::quiet_NaN();
+      const double px = left + double{x[static_cast<std::size_t>(i)]};
+      const double py = top + double{y[static_cast<std::size_t>(i)]};
+      const bool covered = picture_.Covers(px, py);
+      values[i] = covered ? picture_.At(px, py) : std::numeric_limits<float>::quiet_NaN();
       whole &= covered;
     }
   }
@@ -166,19 +174,6 @@ void RingSampler::Scale(double factor) {
   yy_ *= factor;
   reach_x_ *= factor;
   reach_y_ *= factor;
-}
-
-GreyWindow ReadRingWindow(const TargetEdge& dot, const CodeFamily& family, WindowReader* reader) {
-  const Ellipse& e = dot.ellipse;
-  // A tenth more: the ring may show that its dot was measured too small.
-  const double radius = 1.1 * (family.ring_outer + 0.2 * (family.ring_outer - family.ring_inner));
-  const double c = std::cos(e.angle_rad), s = std::sin(e.angle_rad);
-  const double reach_x = radius * std::hypot(e.semi_major_px * c, e.semi_minor_px * s) + 1.0;
-  const double reach_y = radius * std::hypot(e.semi_major_px * s, e.semi_minor_px * c) + 1.0;
-  return reader->Read(static_cast<int>(std::floor(e.x_px - reach_x)),
-                      static_cast<int>(std::floor(e.y_px - reach_y)),
-                      static_cast<int>(std::ceil(e.x_px + reach_x)),
-                      static_cast<int>(std::ceil(e.y_px + reach_y)));
 }
 
 }  // namespace videogrammetry

@@ -3,7 +3,7 @@
 #include <array>
 
 #include "videogrammetry/recognition/code_family.h"
-#include "videogrammetry/recognition/grey_window.h"
+#include "videogrammetry/recognition/grey_sampler.h"
 #include "videogrammetry/recognition/target_edge.h"
 
 namespace videogrammetry {
@@ -47,16 +47,16 @@ struct RingSamples {
 /// y, clockwise in the picture.
 class RingSampler {
  public:
-  RingSampler(const GreyWindow& window, const TargetEdge& dot, const CodeFamily& family);
+  RingSampler(const GreySampler& picture, const TargetEdge& dot, const CodeFamily& family);
 
   /// A first look: the ring's middle at kBesidePerSector directions a sector, the
   /// first at t = 0, without half a step.
-  /// @return false if the window ends there.
+  /// @return false if the picture ends there.
   bool Middle(BesideCircle* values) const;
   /// Between dot and ring, at the same directions.
   void Gap(BesideCircle* values) const;
   /// All around, the first sector beginning `phase` sectors after t = 0.
-  /// @return false if the window ends before the ring's inner circle.
+  /// @return false if the picture ends before the ring's inner circle.
   bool Sample(double phase, RingSamples* samples) const;
   /// The largest factor by which a blurred dot may be larger than it was measured.
   double LargestScale() const;
@@ -67,7 +67,7 @@ class RingSampler {
   struct Turned;
   bool Circle(const Turned& turned, double radius, int per_sector, float* values) const;
 
-  const GreyWindow& window_;
+  const GreySampler& picture_;
   const CodeFamily& family_;
   double x_, y_;              ///< centre
   double xx_, xy_, yy_;       ///< E
@@ -76,8 +76,5 @@ class RingSampler {
   double blur_px_, edge_sigma_px_;
   bool exact_axes_;
 };
-
-/// The part of the picture that a dot's ring may need.
-GreyWindow ReadRingWindow(const TargetEdge& dot, const CodeFamily& family, WindowReader* reader);
 
 }  // namespace videogrammetry

@@ -15,13 +15,6 @@ namespace {
 constexpr double kGroundPx = 5.0;
 /// How much wider the window of a target is that was not found in its own.
 constexpr double kWider = 3.0;
-/// A dot's axes change by no more than this part from frame to frame.
-constexpr double kMostResized = 0.25;
-
-bool IsAlike(const Ellipse& a, const Ellipse& b) {
-  return std::abs(a.semi_major_px - b.semi_major_px) < kMostResized * b.semi_major_px &&
-         std::abs(a.semi_minor_px - b.semi_minor_px) < kMostResized * b.semi_major_px;
-}
 
 }  // namespace
 
@@ -56,8 +49,19 @@ std::vector<Target> TrackedRecognizer::SearchWhole(const FrameView& frame) {
   return RecognizeFrame(frame, options_, family_, &*camera_, WholeFrame(frame), nullptr);
 }
 
+std::vector<Target> TrackedRecognizer::SearchExpected(
+    const FrameView& frame, const std::vector<SearchWindow>& windows) const {
+  std::vector<ExpectedDot> dots;
+  for (const Track& track : tracks_) {
+    dots.push_back(track.dot);
+    dots.back().ellipse.x_px = track.expected_x();
+    dots.back().ellipse.y_px = track.expected_y();
+  }
+  return RecognizeExpected(frame, options_, family_, *camera_, dots, windows);
+}
+
 SearchWindow TrackedRecognizer::WindowAround(const Track& track, double margin_px) const {
-  const double reach = track.ellipse.semi_major_px + margin_px + kGroundPx;
+  const double reach = track.dot.ellipse.semi_major_px + margin_px + kGroundPx;
   return {static_cast<int>(std::floor(track.expected_x() - reach)),
           static_cast<int>(std::floor(track.expected_y() - reach)),
           static_cast<int>(std::ceil(track.expected_x() + reach)),
@@ -70,9 +74,9 @@ std::vector<int> TrackedRecognizer::Follow(const std::vector<Target>& targets, i
   PlaceIndex index(width, height);
   next->clear();
   for (std::size_t i = 0; i < targets.size(); ++i) {
-    const Ellipse& e = targets[i].edge.ellipse;
-    index.Insert(e.x_px, e.y_px, static_cast<int>(i));
-    next->push_back({e, targets[i].ring.id.value_or(-1), 0.0, 0.0});
+    const TargetEdge& edge = targets[i].edge;
+    index.Insert(edge.ellipse.x_px, edge.ellipse.y_px, static_cast<int>(i));
+    next->push_back({{edge.ellipse, edge.inside, edge.outside}, 0.0, 0.0});
   }
   std::vector<int> lost;
   for (std::size_t k = 0; k < tracks_.size(); ++k) {
@@ -83,7 +87,7 @@ std::vector<int> TrackedRecognizer::Follow(const std::vector<Target>& targets, i
     index.AnyNear(track.expected_x(), track.expected_y(), reach, [&](int i) {
       const Ellipse& e = targets[static_cast<std::size_t>(i)].edge.ellipse;
       const double distance = std::hypot(e.x_px - track.expected_x(), e.y_px - track.expected_y());
-      if (distance < least && IsAlike(e, track.ellipse)) {
+      if (distance < least && track.dot.IsLike(e)) {
         least = distance;
         nearest = i;
       }
@@ -94,8 +98,8 @@ std::vector<int> TrackedRecognizer::Follow(const std::vector<Target>& targets, i
       continue;
     }
     Track& moved = (*next)[static_cast<std::size_t>(nearest)];
-    moved.step_x = moved.ellipse.x_px - track.ellipse.x_px;
-    moved.step_y = moved.ellipse.y_px - track.ellipse.y_px;
+    moved.step_x = moved.dot.ellipse.x_px - track.dot.ellipse.x_px;
+    moved.step_y = moved.dot.ellipse.y_px - track.dot.ellipse.y_px;
   }
   return lost;
 }
@@ -113,14 +117,14 @@ TrackedFrame TrackedRecognizer::Next(const FrameView& frame) {
   } else {
     std::vector<SearchWindow> windows;
     for (const Track& track : tracks_) windows.push_back(WindowAround(track, tracked_.margin_px));
-    result.targets = RecognizeFrame(frame, options_, family_, &*camera_, windows, nullptr);
+    result.targets = SearchExpected(frame, windows);
     lost = Follow(result.targets, width, height, &next);
     if (!lost.empty()) {
       for (const int k : lost) {
         windows[static_cast<std::size_t>(k)] =
             WindowAround(tracks_[static_cast<std::size_t>(k)], kWider * tracked_.margin_px);
       }
-      result.targets = RecognizeFrame(frame, options_, family_, &*camera_, windows, nullptr);
+      result.targets = SearchExpected(frame, windows);
       lost = Follow(result.targets, width, height, &next);
     }
   }

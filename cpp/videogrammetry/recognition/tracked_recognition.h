@@ -4,6 +4,7 @@
 #include <optional>
 #include <vector>
 
+#include "videogrammetry/recognition/edge_pair_recognition.h"
 #include "videogrammetry/recognition/edge_pair_search.h"
 #include "videogrammetry/recognition/recognize.h"
 
@@ -31,13 +32,16 @@ struct TrackedFrame {
 /// expected.
 ///
 /// A target is expected where it would be if it went on as between the last two frames.
-/// Windows around these places are searched by the rule of the whole frame's search, with
-/// one camera's model, so that a target that lies in a window is the one that the whole
-/// frame's search gives: bit for bit, unless clutter that reaches into the window lets the
-/// search begin at another chord of the dot, and then to a tenth of its sigma. Where a
-/// target is not found, a window three times as wide is searched; if it is not there
-/// either, the next frame is searched as a whole, and so is every `full_every`-th, and one
-/// after a frame without targets. Method "edge-pair" alone.
+/// With the estimator "model" it is measured from there by the fit of the whole frame's
+/// search, so that it is the one which that gives but for where the two fits end, which depends
+/// a little on where they begin: a tenth of its sigma as a rule, up to a quarter where one of
+/// them has weighed an outlying pixel and the other, ended by its first step, has not. A target
+/// that is not found so or is none clearly, and with other estimators all of them, is searched for
+/// in a window around its place by the rule of the whole frame's search: bit for bit the same,
+/// unless clutter that reaches into the window lets the search begin at another chord of the dot.
+/// Where a target is not found, a window three times as wide is searched; if it is not there
+/// either, the next frame is searched as a whole, and so is every `full_every`-th, and one after a
+/// frame without targets. Rings are read in every frame, known or not. Method "edge-pair" alone.
 class TrackedRecognizer {
  public:
   /// @param camera  learned from the first frame with targets if it is not given.
@@ -54,15 +58,16 @@ class TrackedRecognizer {
  private:
   /// Where a target was, and how it moved to there.
   struct Track {
-    Ellipse ellipse;
-    int id = -1;
+    ExpectedDot dot;
     double step_x = 0.0, step_y = 0.0;
 
-    double expected_x() const { return ellipse.x_px + step_x; }
-    double expected_y() const { return ellipse.y_px + step_y; }
+    double expected_x() const { return dot.ellipse.x_px + step_x; }
+    double expected_y() const { return dot.ellipse.y_px + step_y; }
   };
 
   std::vector<Target> SearchWhole(const FrameView& frame);
+  std::vector<Target> SearchExpected(const FrameView& frame,
+                                     const std::vector<SearchWindow>& windows) const;
   SearchWindow WindowAround(const Track& track, double margin_px) const;
   std::vector<int> Follow(const std::vector<Target>& targets, int width, int height,
                           std::vector<Track>* next) const;

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from queue import SimpleQueue
-from typing import Any, Literal, SupportsIndex, cast
+from typing import Any, Literal, SupportsIndex, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,10 @@ _FIELDS = tuple(Targets.__dataclass_fields__)
 #: that threads with an easy frame do not wait long for one with a hard one.
 _RUN_PX = 1 << 20
 _LEAST_RUN = 4
+#: Of frames that are followed: some milliseconds of work too.
+_FOLLOWED_RUN = 32
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,14 +192,19 @@ def recognize_sequence(
     tell = progress or (lambda done, total: None)
     follower = None if track is None else Follower(options, track, rule, recognizer)
     if follower is not None:
-        parts = _of_followed(_frame_work(frames, options, follower.recognize), numbers, tell)
+        parts = _of_followed(frames, numbers, options, follower, tell)
     elif hasattr(frames, "read"):
 
         def whole(frame: CoreFrame) -> dict[str, Any]:
             found = recognizer.recognize_frames([frame], 1, rule.core_for(frame))
             return cast(dict[str, Any], found)
 
-        parts = _of_source(_frame_work(frames, options, whole), numbers, num_threads, tell)
+        parts = _of_source(
+            lambda index: _of_source_frame(frames, index, options, whole),
+            numbers,
+            num_threads,
+            tell,
+        )
     else:
         parts = _of_arrays(frames, numbers, recognizer, rule, num_threads, tell)
     # A set of no frames gives the arrays their types where there is nothing else.
@@ -206,9 +215,13 @@ def recognize_sequence(
         offsets=np.concatenate([[0], *sizes]).cumsum(dtype=np.int64),
         frame=np.arange(numbers.start, numbers.stop, dtype=np.int64),
         camera=follower.camera if follower else rule.camera,
-        full=np.array([part["full"] for part in parts], bool) if follower else None,
-        lost=np.array([part["lost"] for part in parts], np.int32) if follower else None,
+        full=_joined(parts, "full", bool) if follower else None,
+        lost=_joined(parts, "lost", np.int32) if follower else None,
     )
+
+
+def _joined(parts: list[dict[str, Any]], name: str, dtype: Any) -> npt.NDArray[Any]:
+    return np.concatenate([np.empty(0, dtype), *(part[name] for part in parts)])
 
 
 def _check_stack(frames: npt.NDArray[Any]) -> None:
@@ -321,31 +334,36 @@ def _of_source(
 
 
 def _of_followed(
-    one_frame: Callable[[int], dict[str, Any]], numbers: range, tell: Callable[[int, int], None]
+    frames: Any,
+    numbers: range,
+    options: RecognitionOptions,
+    follower: Follower,
+    tell: Callable[[int, int], None],
 ) -> list[dict[str, Any]]:
-    """One frame after the other, in their order."""
+    """One frame after the other, in their order; of those in memory several in one call."""
     parts: list[dict[str, Any]] = []
-    for index in numbers:
-        parts.append(one_frame(index))
-        tell(len(parts), len(numbers))
+    done = 0
+    from_source = hasattr(frames, "read")
+    while done < len(numbers):
+        run = numbers[done : done + (1 if from_source else _FOLLOWED_RUN)]
+        if from_source:
+            parts += _of_source_frame(
+                frames, run[0], options, lambda frame: follower.recognize([frame])
+            )
+        else:
+            parts += follower.recognize(_checked_run(frames, run))
+        for _ in run:
+            done += 1
+            tell(done, len(numbers))
     return parts
-
-
-def _frame_work(
-    frames: Any, options: RecognitionOptions, recognize: Callable[[CoreFrame], dict[str, Any]]
-) -> Callable[[int], dict[str, Any]]:
-    """``recognize`` of the frame with a number; a frame that is none is named."""
-    if hasattr(frames, "read"):
-        return lambda index: _of_source_frame(frames, index, options, recognize)
-    return lambda index: recognize(_checked_array(frames[index], index))
 
 
 def _of_source_frame(
     source: Frames,
     index: int,
     options: RecognitionOptions,
-    recognize: Callable[[CoreFrame], dict[str, Any]],
-) -> dict[str, Any]:
+    recognize: Callable[[CoreFrame], Found],
+) -> Found:
     try:
         return recognize(checked_frame(read_frame(source, index, options)))
     except (SequenceError, ValueError, OSError) as error:

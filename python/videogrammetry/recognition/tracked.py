@@ -9,7 +9,7 @@ import numpy as np
 
 from videogrammetry._core import recognition as _core
 from videogrammetry.recognition.camera_model import CameraModel, from_core
-from videogrammetry.recognition.learning import CameraRule, is_wide
+from videogrammetry.recognition.learning import CameraRule, is_wide, same_depth_runs
 from videogrammetry.recognition.options import RecognitionOptions, TrackedOptions
 from videogrammetry.recognition.recognize import CoreFrame, core_family, core_options
 
@@ -53,8 +53,8 @@ def core_tracker(
 class Follower:
     """Recognises the frames of a sequence one after the other.
 
-    Frames say for themselves, as without following, as long as no model is known,
-    and where they are of another depth than those that it was learned from.
+    Frames say for themselves, as without following, where they are of another depth
+    than those that the model was learned from.
     """
 
     def __init__(
@@ -64,27 +64,34 @@ class Follower:
         rule: CameraRule,
         recognizer: _core.Recognizer,
     ) -> None:
-        self._options, self._track, self._rule = options, track, rule
-        self._recognizer = recognizer
-        self._begin()
+        self._rule, self._recognizer = rule, recognizer
+        self._tracker = core_tracker(options, track, rule.camera or "learn")
 
     @property
     def camera(self) -> CameraModel | None:
         """The model given or learned; None as long as there is none to be learned."""
         return self._rule.camera
 
-    def recognize(self, frame: CoreFrame) -> dict[str, Any]:
-        """The targets' arrays, their ``offsets``, and ``full`` and ``lost``."""
-        followed = self._rule.camera is None or self._rule.core_for(frame) is not None
-        found: dict[str, Any] = self._tracker.next(frame) if followed else {}
-        if self._rule.camera is None and self._tracker.camera is not None:
-            self._rule = CameraRule(from_core(self._tracker.camera), is_wide(frame))
-        if not followed or self._rule.camera is None:
-            found = self._recognizer.recognize(frame) | {"full": True, "lost": 0}
-        elif len(found["id"]) == 0:
-            self._begin()  # with nothing to follow the next frame is searched as a whole
-        return found | {"offsets": np.array([0, len(found["id"])])}
+    def recognize(self, frames: list[CoreFrame]) -> list[dict[str, Any]]:
+        """Of runs of the next frames: the targets' arrays, ``offsets``, ``full`` and ``lost``."""
+        parts = []
+        for run in same_depth_runs(frames):
+            while run and self._rule.camera is None:
+                # One by one, for the first with a target says what depth the model is of.
+                parts.append(self._tracker.follow(run[:1]))
+                if self._tracker.camera is not None:
+                    self._rule = CameraRule(from_core(self._tracker.camera), is_wide(run[0]))
+                run = run[1:]
+            if run:
+                parts.append(self._by_model(run))
+        return parts
 
-    def _begin(self) -> None:
-        camera = self._rule.camera or "learn"
-        self._tracker = core_tracker(self._options, self._track, camera)
+    def _by_model(self, frames: list[CoreFrame]) -> dict[str, Any]:
+        found: dict[str, Any]
+        if self._rule.core_for(frames[0]) is not None:
+            found = self._tracker.follow(frames)
+        else:
+            found = self._recognizer.recognize_frames(frames)
+            found["full"] = np.ones(len(frames), bool)
+            found["lost"] = np.zeros(len(frames), np.int32)
+        return found

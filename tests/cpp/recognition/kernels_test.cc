@@ -6,7 +6,7 @@
 
 #include "videogrammetry/recognition/bilinear.h"
 #include "videogrammetry/recognition/gradient_mask.h"
-#include "videogrammetry/recognition/grey_window.h"
+#include "videogrammetry/recognition/grey_sampler.h"
 
 namespace videogrammetry {
 namespace {
@@ -97,35 +97,63 @@ TYPED_TEST(KernelsTest, BilinearIsExactOnAPlane) {
   for (std::size_t k = 0; k < 4; ++k) EXPECT_EQ(out[k], 10 + 3 * x[k] + 5 * y[k]);
 }
 
-TEST(GreyWindowTest, SamplesAreTheSameBitsForEverySet) {
-  constexpr int kWidth = 61, kHeight = 40;
+/// Samples of 12 bits, packed.
+std::vector<std::uint8_t> Packed(const std::vector<std::uint16_t>& samples, PackedOrder order) {
+  std::vector<std::uint8_t> bytes;
+  for (std::size_t i = 0; i < samples.size(); i += 2) {
+    const int a = samples[i], b = samples[i + 1];
+    const bool high = order == PackedOrder::kHighFirst;
+    bytes.push_back(static_cast<std::uint8_t>(high ? a >> 4 : a & 255));
+    bytes.push_back(
+        static_cast<std::uint8_t>(high ? (a & 15) << 4 | b >> 8 : a >> 8 | (b & 15) << 4));
+    bytes.push_back(static_cast<std::uint8_t>(high ? b & 255 : b >> 4));
+  }
+  return bytes;
+}
+
+TEST(GreySamplerTest, GivesTheSameBitsForEverySetAndDepthUpToThePicturesEnd) {
+  constexpr int kWidth = 62, kHeight = 40;
   std::mt19937 random(5);
-  std::uniform_int_distribution<int> grey(0, 65535);
+  std::uniform_int_distribution<int> grey(0, 255);
   std::vector<std::uint16_t> pixels(kWidth * kHeight);
   for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(grey(random));
-  const FrameView frame = ImageView16(pixels.data(), kWidth, kHeight);
-  std::uniform_real_distribution<float> across(7.0f, 55.9f), down(3.0f, 37.9f);
-  for (const int count : {1, 7, 8, 9, 15, 16, 17, 100, 300}) {
-    const auto n = static_cast<std::size_t>(count);
-    std::vector<float> x(n), y(n), expected(n);
-    for (std::size_t k = 0; k < n; ++k) x[k] = across(random), y[k] = down(random);
-    for (const InstructionSet set : kSets) {
-      if (set > DetectInstructionSet()) continue;
-      WindowReader reader(frame, -1, set);
-      std::vector<float> out(n);
-      reader.Read(7, 3, 57, 39).Sample(x.data(), y.data(), count, out.data());
-      if (set == InstructionSet::kBaseline) expected = out;
-      EXPECT_EQ(out, expected) << InstructionSetName(set) << ", count " << count;
+  const std::vector<std::uint8_t> bytes(pixels.begin(), pixels.end());
+  const auto high = Packed(pixels, PackedOrder::kHighFirst);
+  const auto low = Packed(pixels, PackedOrder::kLowFirst);
+  const FrameView frames[] = {ImageView16(pixels.data(), kWidth, kHeight),
+                              ImageView8(bytes.data(), kWidth, kHeight),
+                              Packed12View(high.data(), kWidth, kHeight, PackedOrder::kHighFirst),
+                              Packed12View(low.data(), kWidth, kHeight, PackedOrder::kLowFirst)};
+  constexpr int kLeft = 7, kTop = 3;
+  for (const float bottom : {30.0f, 35.99f}) {  // the last row too
+    std::uniform_real_distribution<float> across(0.0f, 53.9f), down(0.0f, bottom);
+    for (const int count : {1, 7, 8, 9, 15, 16, 17, 100, 300}) {
+      const auto n = static_cast<std::size_t>(count);
+      std::vector<float> x(n), y(n), expected;
+      for (std::size_t k = 0; k < n; ++k) x[k] = across(random), y[k] = down(random);
+      for (const FrameView& frame : frames) {
+        for (const InstructionSet set : kSets) {
+          if (set > DetectInstructionSet()) continue;
+          const GreySampler sampler(frame, -1, set);
+          std::vector<float> out(n);
+          sampler.Sample(kLeft, kTop, kTop + static_cast<int>(bottom) + 1, x.data(), y.data(),
+                         count, out.data());
+          if (expected.empty()) expected = out;
+          EXPECT_EQ(out, expected) << InstructionSetName(set) << ", count " << count;
+          EXPECT_EQ(sampler.At(kLeft + double{x[0]}, kTop + double{y[0]}), out[0]);
+        }
+      }
+      // A rounding of 2^-24 of the largest value for each of a handful of operations.
+      const int i = static_cast<int>(x[0]), j = static_cast<int>(y[0]);
+      const double a = x[0] - i, b = y[0] - j;
+      const auto at = [&](int u, int v) {
+        return static_cast<double>(
+            pixels[static_cast<std::size_t>((v + kTop) * kWidth + u + kLeft)]);
+      };
+      const double value = (1 - b) * ((1 - a) * at(i, j) + a * at(i + 1, j)) +
+                           b * ((1 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
+      EXPECT_NEAR(expected[0], -value, 255.0 * 16 / (1 << 24));
     }
-    // A rounding of 2^-24 of the largest value for each of a handful of operations.
-    const int i = static_cast<int>(x[0]), j = static_cast<int>(y[0]);
-    const double a = x[0] - i, b = y[0] - j;
-    const auto at = [&](int u, int v) {
-      return static_cast<double>(pixels[static_cast<std::size_t>(v * kWidth + u)]);
-    };
-    const double value = (1 - b) * ((1 - a) * at(i, j) + a * at(i + 1, j)) +
-                         b * ((1 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
-    EXPECT_NEAR(expected[0], -value, 65536.0 * 16 / (1 << 24) + 65536.0 * 4 * 1e-6 * 8);
   }
 }
 

@@ -224,9 +224,8 @@ Drawing Draw(const std::vector<int>& bits, double semi_minor_px, double ring_inn
 
 RingReading ReadDrawing(const Drawing& drawing, const CodeFamily& family,
                         InstructionSet set = DetectInstructionSet()) {
-  WindowReader reader(drawing.picture.view(), 1, set);
-  const GreyWindow window = ReadRingWindow(drawing.dot, family, &reader);
-  return ReadRing(window, drawing.dot, family, ReadingDirection::kClockwise);
+  const GreySampler picture(drawing.picture.view(), 1, set);
+  return ReadRing(picture, drawing.dot, family, ReadingDirection::kClockwise);
 }
 
 TEST(RingCodeTest, ReadsPicturesByEverySetWithTheSameBits) {

@@ -97,7 +97,7 @@ def test_a_family_is_checked_once():
     family = code_family("schneider-14")
     assert family.core is family.core
     with pytest.raises(ValueError, match="not the smallest rotation"):
-        CodeFamily(name="turned", bits=8, ring=(2.0, 3.0), codes=(22,)).core  # noqa: B018
+        _ = CodeFamily(name="turned", bits=8, ring=(2.0, 3.0), codes=(22,)).core
 
 
 def test_unknown_names_list_the_known_ones(tmp_path):

@@ -76,6 +76,17 @@ def assert_same(found, expected, names=FIELDS):
         np.testing.assert_array_equal(a, b, err_msg=name)
 
 
+def assert_alike(found, expected):
+    """The same targets, to what is left of where their fits began: a part of the sigma that
+    adds less than three hundredths to it, sqrt(1 + 0.25^2) - 1."""
+    assert_same(found, expected, ["id", "ring_status"])
+    sigma = np.sqrt(np.diagonal(expected.cov, axis1=1, axis2=2))
+    assert (np.abs(found.centre_px - expected.centre_px) <= 0.25 * sigma[:, :2]).all()
+    assert (np.abs(found.semi_axes_px - expected.semi_axes_px) <= 0.25 * sigma[:, 2:4]).all()
+    np.testing.assert_allclose(found.contrast, expected.contrast, rtol=0.01)
+    np.testing.assert_allclose(found.id_confidence, expected.id_confidence, atol=1e-3)
+
+
 class Source:
     """A source that counts what it reads."""
 
@@ -116,7 +127,10 @@ def test_equals_the_search_of_whole_frames(kind, estimator):
         found = recognize_sequence(kind(frames), options, track=TRACK)
         assert np.diff(found.offsets).tolist() == [12] * COUNT
         assert_same(found, expected, ["offsets", "frame"])
-        assert_same(found.targets, expected.targets)
+        if estimator == "model":  # measured from where the frame before had them
+            assert_alike(found.targets, expected.targets)
+        else:
+            assert_same(found.targets, expected.targets)
         assert (found.targets.id > 0).sum() == 4 * COUNT
         assert found.camera == expected.camera
         assert (found.full.dtype, found.lost.dtype) == (bool, np.int32)
@@ -168,7 +182,7 @@ def test_a_model_given_is_used():
     expected = recognize_sequence(frames, FAST, camera=model)
     assert found.camera == expected.camera == model
     assert found.camera != recognize_sequence(frames, FAST, track=TRACK).camera
-    assert_same(found.targets, expected.targets)
+    assert_alike(found.targets, expected.targets)
 
 
 @pytest.mark.parametrize("kind", [np.asarray, Source])
@@ -177,7 +191,7 @@ def test_a_part_is_followed_from_its_first_frame(kind):
     found = recognize_sequence(kind(frames), FAST, track=TRACK, first=4, last=9)
     assert found.frame.tolist() == [4, 5, 6, 7, 8, 9]
     assert found.full.tolist() == [True] + [False] * 5
-    assert_same(found.targets, recognize_sequence(frames, FAST, first=4, last=9).targets)
+    assert_alike(found.targets, recognize_sequence(frames, FAST, first=4, last=9).targets)
 
 
 @pytest.mark.parametrize("full_every", [1, 7, 10])
@@ -198,10 +212,10 @@ def test_a_target_that_is_lost_is_found_again():
         assert len(expected[k]) == (11 if 4 <= k < 13 else 12)
         if 13 <= k < 16:
             assert len(found[k]) == 11
-            seen = set(map(tuple, expected[k].centre_px.tolist()))
-            assert set(map(tuple, found[k].centre_px.tolist())) < seen
+            apart = found[k].centre_px[:, None] - expected[k].centre_px
+            assert (np.hypot(*apart.T).min(axis=0) < 0.1).all()
         else:
-            assert_same(found[k], expected[k])
+            assert_alike(found[k], expected[k])
 
 
 def test_what_is_new_between_windows_waits_for_a_whole_frame():
@@ -227,7 +241,7 @@ def test_a_recording_is_read_where_it_stands(tmp_path, monkeypatch):
     monkeypatch.setattr(type(source), "read", lambda *_: pytest.fail("a frame was unpacked"))
     found = recognize_sequence(joined, FAST, track=TRACK)
     assert found.full.sum() == 1
-    assert_same(found.targets, recognize_sequence(frames, FAST).targets)
+    assert_alike(found.targets, recognize_sequence(frames, FAST).targets)
 
 
 @pytest.mark.parametrize("num_threads", [0, 1, 5])
@@ -235,7 +249,7 @@ def test_threads_change_nothing(num_threads):
     source = Source(film())
     found = recognize_sequence(source, FAST, track=TRACK, num_threads=num_threads)
     assert source.reads[-COUNT:] == list(range(COUNT))
-    assert_same(found.targets, recognize_sequence(film(), FAST).targets)
+    assert_alike(found.targets, recognize_sequence(film(), FAST).targets)
 
 
 def test_cameras_side_by_side():
@@ -326,7 +340,7 @@ def test_frames_of_other_size_and_depth():
     assert len(found[2]) == 12
     assert found.full[2]
     for k in (0, 1, 2, 3, 5, 6, 7):
-        assert_same(found[k], expected[k])
+        assert_alike(found[k], expected[k])
     # The smaller frame has lost the targets that lie beyond it, the next one all.
     assert np.flatnonzero(found.full).tolist() == [0, 2, 5, 6]
     assert np.flatnonzero(found.lost).tolist() == [4, 5]
@@ -343,7 +357,7 @@ def test_where_nothing_is_learned_the_first_target_gives_the_model():
     assert found.camera == learn_camera(frames[shown[0]], FAST)
     given = recognize_sequence(frames, FAST, camera=found.camera)
     assert np.diff(given.offsets)[shown].tolist() == [12] * len(shown)
-    assert_same(found.targets, given.targets)
+    assert_alike(found.targets, given.targets)
 
 
 def test_frames_that_no_model_comes_of_say_for_themselves():
@@ -354,7 +368,7 @@ def test_frames_that_no_model_comes_of_say_for_themselves():
     assert found.camera is None
     assert found.full.all()
     assert len(found.targets) == 3
-    assert_same(found.targets, recognize_sequence(frames, FAST).targets)
+    assert_alike(found.targets, recognize_sequence(frames, FAST).targets)
 
 
 def test_after_frames_without_light_all_is_found_again():
@@ -363,7 +377,7 @@ def test_after_frames_without_light_all_is_found_again():
     found = recognize_sequence(frames, FAST, track=TRACK)
     assert found.lost.tolist() == [12 * (k == 5) for k in range(COUNT)]
     assert np.flatnonzero(found.full).tolist() == [0, 6, 7, 8, 9]
-    assert_same(found.targets, recognize_sequence(frames, FAST).targets)
+    assert_alike(found.targets, recognize_sequence(frames, FAST).targets)
 
 
 def test_the_core_takes_frames_one_by_one():
@@ -376,6 +390,9 @@ def test_the_core_takes_frames_one_by_one():
         found = tracker.next(frame)
         assert set(found) == {*FIELDS, "full", "lost"}
         assert (len(found["id"]), found["full"], found["lost"]) == (12, k % 5 == 0, 0)
+    several = tracker.follow(list(frames[7:11]))
+    assert several["offsets"].tolist() == [0, 12, 24, 36, 48]
+    assert (several["full"].tolist(), several["lost"].tolist()) == ([0, 0, 0, 1], [0] * 4)
     assert tracker.camera.blur_px > 0
     with pytest.raises(ValueError, match="uint8 or uint16"):
         tracker.next(frames[0].astype(float))

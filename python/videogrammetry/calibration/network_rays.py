@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.types import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
+#: Indices of rows, whatever made them.
+RowArray = npt.NDArray[np.integer[Any]]
 
 #: Pairs of rays that are tried: of 12 one is without a wrong ray with 1 - 1e-3
 #: even where a third of the rays is wrong.
@@ -57,7 +61,7 @@ def intersect_rays(
     return point if near.sum() >= 2 else None
 
 
-def _widest_pairs(direction: FloatArray, min_angle: float) -> tuple[FloatArray, FloatArray]:
+def _widest_pairs(direction: FloatArray, min_angle: float) -> tuple[RowArray, RowArray]:
     first, second = np.triu_indices(len(direction), 1)
     if len(first) > 400:  # many rays: every pair is more than is needed
         chosen = np.random.default_rng(1).choice(len(first), 400, replace=False)
@@ -77,7 +81,7 @@ def _widest_pairs(direction: FloatArray, min_angle: float) -> tuple[FloatArray, 
 
 
 def _midpoints(
-    centre: FloatArray, direction: FloatArray, first: FloatArray, second: FloatArray
+    centre: FloatArray, direction: FloatArray, first: RowArray, second: RowArray
 ) -> FloatArray:
     """Middle of the shortest link of two rays."""
     u, v, w = direction[first], direction[second], centre[second] - centre[first]

@@ -55,7 +55,8 @@ TEST(FivePoint, OneSolutionIsTheTruthAndAllAreEssential) {
     double best = 1e9;
     for (const Eigen::Matrix3d& e : found) {
       best = std::min({best, (e - truth).norm(), (e + truth).norm()});
-      for (int i = 0; i < 5; ++i) EXPECT_NEAR((p.b.row(i) * e * p.a.row(i).transpose())(0), 0, 1e-9);
+      for (int i = 0; i < 5; ++i)
+        EXPECT_NEAR((p.b.row(i) * e * p.a.row(i).transpose())(0), 0, 1e-9);
       const Eigen::Matrix3d ee = e * e.transpose();
       EXPECT_LT((2 * ee * e - ee.trace() * e).norm(), 1e-5) << "seed " << seed;
     }
@@ -67,8 +68,9 @@ TEST(FivePoint, AnEssentialMatrixHoldsItsMotion) {
   const Pair p = MakePair(3, 5, 1.0);
   double best = 1e9;
   for (const Rigid3& pose : PosesFromEssential(Essential(p.b_from_a))) {
-    best = std::min(best, AngleTo(pose, p.b_from_a) +
-                              (pose.translation_mm - p.b_from_a.translation_mm.normalized()).norm());
+    best =
+        std::min(best, AngleTo(pose, p.b_from_a) +
+                           (pose.translation_mm - p.b_from_a.translation_mm.normalized()).norm());
   }
   EXPECT_LT(best, 1e-9);
 }
@@ -84,13 +86,12 @@ TEST(FivePoint, AHomographyHoldsItsMotion) {
     const Eigen::Matrix3d tilt = RotationFromVector(synthetic::UniformVector(&random, 0.5));
     const Eigen::Vector3d n = tilt.col(2);
     const double d = 6 * n.z();
-    const Eigen::Matrix3d h =
-        p.b_from_a.rotation + p.b_from_a.translation_mm * n.transpose() / d;
+    const Eigen::Matrix3d h = p.b_from_a.rotation + p.b_from_a.translation_mm * n.transpose() / d;
     double best = 1e9;
     for (const Rigid3& pose : PosesFromPlane(-3.7 * h, p.a, p.b)) {
-      best = std::min(best,
-                      AngleTo(pose, p.b_from_a) +
-                          (pose.translation_mm - p.b_from_a.translation_mm.normalized()).norm());
+      best =
+          std::min(best, AngleTo(pose, p.b_from_a) +
+                             (pose.translation_mm - p.b_from_a.translation_mm.normalized()).norm());
     }
     EXPECT_LT(best, 1e-6) << "seed " << seed;
   }

@@ -15,13 +15,13 @@
 namespace videogrammetry {
 namespace {
 
-constexpr int kMinPairs = 6;             // five always fit
-constexpr double kDistinctRad = 0.005;   // of rotation; of the baseline's direction 3 times
-constexpr std::size_t kRefined = 10;     // best motions of the sampling that are refined
-constexpr double kMissed = 1e-6;         // chance that no sample was free of wrong numbers
+constexpr int kMinPairs = 6;            // five always fit
+constexpr double kDistinctRad = 0.005;  // of rotation; of the baseline's direction 3 times
+constexpr std::size_t kRefined = 10;    // best motions of the sampling that are refined
+constexpr double kMissed = 1e-6;        // chance that no sample was free of wrong numbers
 constexpr double kGateSigmas = 4.0;
-constexpr int kTighter = 2;              // samplings with gates of the noise
-constexpr double kMinNoisePx = 1e-4;     // exact pictures have rounding only
+constexpr int kTighter = 2;           // samplings with gates of the noise
+constexpr double kMinNoisePx = 1e-4;  // exact pictures have rounding only
 constexpr double kMedianChi2One = 0.455, kMedianChi2Two = 1.386;
 
 /// The pairs of rays (X/Z, Y/Z, 1) that both cameras' models allow.
@@ -33,8 +33,11 @@ struct Rays {
 
 Rays UsableRays(const Camera& camera_a, const Eigen::Ref<const Points2d>& pixels_a,
                 const Camera& camera_b, const Eigen::Ref<const Points2d>& pixels_b) {
-  Rays rays{Eigen::MatrixX3d(pixels_a.rows(), 3), Eigen::MatrixX3d(pixels_a.rows(), 3), {},
-            camera_a.f_px(), camera_b.f_px()};
+  Rays rays{Eigen::MatrixX3d(pixels_a.rows(), 3),
+            Eigen::MatrixX3d(pixels_a.rows(), 3),
+            {},
+            camera_a.f_px(),
+            camera_b.f_px()};
   Eigen::Index count = 0;
   for (Eigen::Index i = 0; i < pixels_a.rows(); ++i) {
     const auto a = RayThroughPixel(camera_a, pixels_a.row(i).transpose());
@@ -71,8 +74,8 @@ double Distance(const Rays& rays, Eigen::Index i, const Eigen::Matrix3d& e,
   if (jacobian != nullptr) {
     for (int k = 0; k < 5; ++k) {
       const Eigen::Vector3d db = (*by_e)[k] * a, da = (*by_e)[k].transpose() * b;
-      const double half = wb * line_b.head<2>().dot(db.head<2>()) +
-                          wa * line_a.head<2>().dot(da.head<2>());
+      const double half =
+          wb * line_b.head<2>().dot(db.head<2>()) + wa * line_a.head<2>().dot(da.head<2>());
       (*jacobian)[k] = b.dot(db) / d - n / (d2 * d) * half;
     }
   }
@@ -109,8 +112,7 @@ RelativePose Judge(const Rays& rays, const Rigid3& pose, double threshold_px, bo
     if (!full) continue;
     result.inlier.push_back(in);
     if (in) {
-      angles.push_back(
-          Angle(pose.rotation * rays.a.row(i).transpose(), rays.b.row(i).transpose()));
+      angles.push_back(Angle(pose.rotation * rays.a.row(i).transpose(), rays.b.row(i).transpose()));
     }
   }
   result.cost_px2 /= static_cast<double>(rays.a.rows());
@@ -255,7 +257,8 @@ double NoisePx(const Rays& rays, const RelativePose& pose) {
   const double n = static_cast<double>(squares.size());
   if (n < kMinPairs) return kMinNoisePx;
   // Five unknowns take their share of the residuals.
-  return std::max(kMinNoisePx, std::sqrt(Median(std::move(squares)) / kMedianChi2One * n / (n - 5)));
+  return std::max(kMinNoisePx,
+                  std::sqrt(Median(std::move(squares)) / kMedianChi2One * n / (n - 5)));
 }
 
 /// The robust passes, then plain least squares over what agrees.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from videogrammetry.adjustment import Network, resect, robust_bundle
 from videogrammetry.adjustment.start import PoseCandidate
 from videogrammetry.calibration.network_input import NetworkInput
-from videogrammetry.calibration.network_rays import BoolArray, intersect_rays
+from videogrammetry.calibration.network_rays import BoolArray, RowArray, intersect_rays
 from videogrammetry.geometry import camera_model, project, rays_through_pixels
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera
 
@@ -112,7 +112,7 @@ class Block:
         self.rotation[image], self.translation[image] = np.nan, np.nan
         self.twin.pop(image, None)
 
-    def distance_px(self, rows: npt.NDArray[np.intp] | None = None) -> FloatArray:
+    def distance_px(self, rows: RowArray | None = None) -> FloatArray:
         """(M,) distance from the prediction; NaN without one, inf behind a camera."""
         rows = np.arange(len(self.image)) if rows is None else rows
         result = np.full(len(rows), np.nan)
@@ -170,7 +170,7 @@ class Block:
             if found is not None:
                 self.position[point] = found
 
-    def focal_px(self, images: npt.NDArray[np.intp]) -> FloatArray:
+    def focal_px(self, images: RowArray) -> FloatArray:
         """f of pictures."""
         f = np.array([camera.interior[0] for camera in self.cameras])
         result: FloatArray = f[self.camera_of[images]]
@@ -207,7 +207,7 @@ class Block:
     def _bundle_once(
         self,
         use: BoolArray,
-        images: npt.NDArray[np.intp],
+        images: RowArray,
         sigma_px: float,
         interior: bool,
         max_iterations: int,
@@ -287,7 +287,7 @@ def with_interior(camera: RigCamera, interior: FloatArray) -> RigCamera:
     )  # fmt: skip
 
 
-def _grouped(label: npt.NDArray[np.integer], count: int) -> list[npt.NDArray[np.intp]]:
+def _grouped(label: npt.NDArray[np.integer], count: int) -> list[RowArray]:
     """Rows of each label 0 ... count - 1."""
     order = np.argsort(label, kind="stable")
     return np.split(order, np.searchsorted(label[order], np.arange(1, count)))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from videogrammetry.calibration.network_rays import BoolArray
+from videogrammetry.calibration.network_rays import BoolArray, RowArray
 from videogrammetry.geometry import (
     project_with_jacobians,
     rays_through_pixels,
@@ -38,7 +37,7 @@ class View:
     camera_index: int
     rotation: FloatArray
     translation: FloatArray
-    row: npt.NDArray[np.intp]
+    row: RowArray
     xy_px: FloatArray
     ideal: FloatArray
     by_interior: FloatArray
@@ -63,7 +62,7 @@ class View:
         """Standard deviation of measured less predicted."""
         return float(np.hypot(self.sigma_px, self.model_px))
 
-    def directions(self, index: npt.NDArray[np.intp]) -> FloatArray:
+    def directions(self, index: RowArray) -> FloatArray:
         """(k, 3) unit rays in the object's frame."""
         ray = self.ideal[index] / np.linalg.norm(self.ideal[index], axis=1, keepdims=True)
         result: FloatArray = ray @ self.rotation
@@ -108,8 +107,8 @@ def ideal_rays(camera: RigCamera, xy_px: FloatArray) -> tuple[FloatArray, FloatA
 class EpipolarPairs:
     """Pairs of image points near each other's epipolar lines: places in the two views."""
 
-    first: npt.NDArray[np.intp]
-    second: npt.NDArray[np.intp]
+    first: RowArray
+    second: RowArray
     distance_sigmas: FloatArray
 
 
@@ -117,8 +116,8 @@ def epipolar_pairs(
     a: View,
     b: View,
     cov: FloatArray,
-    open_a: npt.NDArray[np.intp],
-    open_b: npt.NDArray[np.intp],
+    open_a: RowArray,
+    open_b: RowArray,
     critical_value: float,
 ) -> EpipolarPairs:
     """Pairs whose distance from the epipolar lines is within ``critical_value`` sigmas.
@@ -149,7 +148,7 @@ def _sigma_px(
     a: View,
     b: View,
     cov: FloatArray,
-    index: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+    index: tuple[RowArray, RowArray],
     essential: FloatArray,
     norm: FloatArray,
 ) -> FloatArray:
@@ -166,7 +165,7 @@ def _sigma_px(
             places.append(view.pose_at + k)
     line_b, line_a = xa @ essential.T, xb @ essential
     for view, line, at in ((a, line_a, index[0]), (b, line_b, index[1])):
-        for k in np.flatnonzero(view.interior_at >= 0):
+        for k in np.flatnonzero(view.interior_at >= 0).tolist():
             change = np.sum(line[:, :2] * view.by_interior[at, :, k], axis=1) / norm
             columns.append(change)
             places.append(int(view.interior_at[k]))
@@ -175,7 +174,8 @@ def _sigma_px(
         # (an interior that both share occurs twice: the sum below adds the two)
         j = np.stack(columns, axis=1)
         variance = variance + np.einsum("np,pq,nq->n", j, cov[np.ix_(places, places)], j)
-    return np.sqrt(np.maximum(variance, 1e-12))
+    sigma: FloatArray = np.sqrt(np.maximum(variance, 1e-12))
+    return sigma
 
 
 def _moved_essential(
@@ -196,4 +196,5 @@ def _moved_essential(
 
 
 def _cross(t: FloatArray) -> FloatArray:
-    return np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    result: FloatArray = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0.0]])
+    return result

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.types import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
+#: Indices of rows, whatever made them.
+RowArray = npt.NDArray[np.integer[Any]]
 
 #: Pairs of rays that are tried: of 12 one is without a wrong ray with 1 - 1e-3
 #: even where a third of the rays is wrong.
@@ -34,8 +38,9 @@ def intersect_rays(
     --------
     >>> centre = np.array([[-1.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     >>> direction = np.array([[1.0, 0, 5], [-1, 0, 5], [0, -1, 5]]) / np.sqrt(26.0)
-    >>> intersect_rays(centre, direction, np.full(3, 1000.0), 2.0, 0.03).round(6).tolist()
-    [0.0, 0.0, 5.0]
+    >>> point = intersect_rays(centre, direction, np.full(3, 1000.0), 2.0, 0.03)
+    >>> bool(np.allclose(point, [0, 0, 5]))
+    True
     """
     finite = np.isfinite(direction).all(axis=1)
     centre, direction, f_px = centre[finite], direction[finite], f_px[finite]
@@ -57,7 +62,7 @@ def intersect_rays(
     return point if near.sum() >= 2 else None
 
 
-def _widest_pairs(direction: FloatArray, min_angle: float) -> tuple[FloatArray, FloatArray]:
+def _widest_pairs(direction: FloatArray, min_angle: float) -> tuple[RowArray, RowArray]:
     first, second = np.triu_indices(len(direction), 1)
     if len(first) > 400:  # many rays: every pair is more than is needed
         chosen = np.random.default_rng(1).choice(len(first), 400, replace=False)
@@ -77,7 +82,7 @@ def _widest_pairs(direction: FloatArray, min_angle: float) -> tuple[FloatArray, 
 
 
 def _midpoints(
-    centre: FloatArray, direction: FloatArray, first: FloatArray, second: FloatArray
+    centre: FloatArray, direction: FloatArray, first: RowArray, second: RowArray
 ) -> FloatArray:
     """Middle of the shortest link of two rays."""
     u, v, w = direction[first], direction[second], centre[second] - centre[first]

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 
 from videogrammetry.adjustment import relative_orientation
 from videogrammetry.adjustment.start import RelativeCandidate
 from videogrammetry.calibration.network_block import Block, with_interior
 from videogrammetry.calibration.network_growth import MIN_POINTS, grow
+from videogrammetry.calibration.network_rays import RowArray
 from videogrammetry.geometry import camera_model
 from videogrammetry.types import FloatArray, IntArray, RigCamera
 
@@ -26,8 +26,11 @@ _MAX_PAIRS, _TRIAL_PAIRS = 24, 3
 _TRIAL_IMAGES = 6
 #: Gate of the epipolar lines while distortion is unknown, as a share of the start gate.
 _EPIPOLAR_SHARE = 0.4
-#: A trial that leaves less than this share of the start gate needs no other f.
-_GOOD_SHARE = 0.03
+#: Points further off count as wrong in a trial; a trial near that has failed.
+_TRIAL_GATE, _WORST_SHARE = 0.2, 0.18
+#: A trial with this share of image points within that share of the start gate needs
+#: no other f: gross errors, which no f mends, are fewer.
+_GOOD_SHARE, _GOOD_GATE = 0.85, 0.03
 #: Angle between the rays of a pair that is best for both points and next pictures.
 _BEST_ANGLE_RAD = np.radians(30.0)
 
@@ -36,13 +39,15 @@ _BEST_ANGLE_RAD = np.radians(30.0)
 class Seed:
     """A trial block and how well it fits.
 
-    ``rms_px``: robust, with what was not placed at the gate; ``factor``: (C,) on the
+    ``rms_px``: robust, with what was not placed at the gate; ``share`` of image points
+    that fit well; ``factor``: (C,) on the
     cameras' f with which the trial began.
     """
 
     block: Block
     pair: tuple[int, int]
     rms_px: float
+    share: float
     factor: FloatArray
 
 
@@ -53,7 +58,8 @@ def common_points(block: Block) -> IntArray:
         shape=(len(block.rotation), len(block.position)),
     )
     seen.data[:] = np.minimum(seen.data, 1)
-    count = np.asarray((seen @ seen.T).toarray(), np.int32)
+    product: csr_matrix = csr_matrix(seen @ seen.T)
+    count = np.asarray(product.todense(), np.int32)
     np.fill_diagonal(count, 0)
     return count
 
@@ -69,18 +75,21 @@ def find_seed(block: Block, factors: Sequence[FloatArray]) -> list[Seed]:
     if not pairs:
         return []
     seeds: list[Seed] = []
-    subsets: dict[tuple[int, int], npt.NDArray[np.intp]] = {}
+    subsets: dict[tuple[int, int], RowArray] = {}
     for factor in factors:
         cameras = [with_f(c, float(x)) for c, x in zip(block.cameras, factor, strict=True)]
         for pair, candidates in _best_pairs(block, cameras, pairs):
             subset = subsets.setdefault(pair, _neighbours(block, pair))
             for candidate in candidates:
                 seeds.append(_trial(block, cameras, pair, candidate, subset, factor))
-        best = min((seed.rms_px for seed in seeds), default=np.inf)
-        if best < _GOOD_SHARE * block.start_gate_px:
-            break
-    seeds.sort(key=lambda seed: seed.rms_px)
-    return [seed for seed in seeds if seed.rms_px < 0.7 * block.start_gate_px]
+            if any(seed.share > _GOOD_SHARE for seed in seeds):
+                return _sorted(block, seeds)
+    return _sorted(block, seeds)
+
+
+def _sorted(block: Block, seeds: Sequence[Seed]) -> list[Seed]:
+    fitting = [seed for seed in seeds if seed.rms_px < _WORST_SHARE * block.start_gate_px]
+    return sorted(fitting, key=lambda seed: seed.rms_px)
 
 
 def with_f(camera: RigCamera, factor: float) -> RigCamera:
@@ -97,7 +106,7 @@ def _candidate_pairs(block: Block) -> list[tuple[int, int]]:
     count[:, ~block.allowed] = 0
     first, second = np.triu_indices(len(count), 1)
     uses = np.zeros(len(count), int)
-    pairs = []
+    pairs: list[tuple[int, int]] = []
     for k in np.argsort(-count[first, second], kind="stable"):
         i, j = int(first[k]), int(second[k])
         if count[i, j] < MIN_POINTS + 2 or len(pairs) == _MAX_PAIRS:
@@ -108,7 +117,7 @@ def _candidate_pairs(block: Block) -> list[tuple[int, int]]:
     return pairs
 
 
-def _common_rows(block: Block, i: int, j: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _common_rows(block: Block, i: int, j: int) -> tuple[RowArray, RowArray]:
     rows_i, rows_j = block.rows_of[i], block.rows_of[j]
     _, a, b = np.intersect1d(block.point[rows_i], block.point[rows_j], return_indices=True)
     return rows_i[a], rows_j[b]
@@ -141,7 +150,7 @@ def _best_pairs(
     return [(pair, candidates) for _, pair, candidates in scored[:_TRIAL_PAIRS]]
 
 
-def _neighbours(block: Block, pair: tuple[int, int]) -> npt.NDArray[np.intp]:
+def _neighbours(block: Block, pair: tuple[int, int]) -> RowArray:
     """The pair and the pictures that see most of its common points: the same for every f."""
     a, _ = _common_rows(block, *pair)
     wanted = np.zeros(len(block.position), bool)
@@ -159,7 +168,7 @@ def _trial(
     cameras: Sequence[RigCamera],
     pair: tuple[int, int],
     candidate: RelativeCandidate,
-    subset: npt.NDArray[np.intp],
+    subset: RowArray,
     factor: FloatArray,
 ) -> Seed:
     trial = block.copy()
@@ -169,9 +178,9 @@ def _trial(
     start_pair(trial, pair, candidate.rotation, candidate.translation)
     grow(trial, limit=len(subset))
     trial.bundle()
-    rms_px = _rms_px(trial, subset)
+    rms_px, share = _fit(trial, subset)
     trial.allowed = block.allowed.copy()
-    return Seed(block=trial, pair=pair, rms_px=rms_px, factor=factor)
+    return Seed(block=trial, pair=pair, rms_px=rms_px, share=share, factor=factor)
 
 
 def start_pair(
@@ -185,11 +194,15 @@ def start_pair(
     block.bundle(interior=False)
 
 
-def _rms_px(block: Block, subset: npt.NDArray[np.intp]) -> float:
-    """Robust RMS over what two of the pictures see; what is not placed counts as the gate."""
+def _fit(block: Block, subset: RowArray) -> tuple[float, float]:
+    """Robust RMS over what two of the pictures see, and the share that fits well.
+
+    What is not placed counts as wrong.
+    """
     rows = np.concatenate([block.rows_of[image] for image in subset])
     twice = np.bincount(block.point[rows], minlength=len(block.position)) >= 2
     rows = rows[twice[block.point[rows]]]
-    gate = 0.2 * block.start_gate_px
+    gate = _TRIAL_GATE * block.start_gate_px
     distance = np.nan_to_num(block.distance_px(rows), nan=gate)
-    return float(np.sqrt(np.mean(np.minimum(distance, gate) ** 2))) if len(rows) else np.inf
+    rms_px = float(np.sqrt(np.mean(np.minimum(distance, gate) ** 2))) if len(rows) else np.inf
+    return rms_px, float(np.mean(distance < _GOOD_GATE * block.start_gate_px))

@@ -14,10 +14,10 @@ from videogrammetry.calibration.network_frame import (
     frame_on_known,
     scale_from_bars,
 )
-from videogrammetry.calibration.network_growth import MIN_KNOWN_POINTS, grow, settle
+from videogrammetry.calibration.network_growth import MIN_KNOWN_POINTS, MIN_POINTS, grow, settle
 from videogrammetry.calibration.network_input import NetworkInput
 from videogrammetry.calibration.network_links import MissingLink, describe_groups, missing_links
-from videogrammetry.calibration.network_rays import BoolArray
+from videogrammetry.calibration.network_rays import BoolArray, RowArray
 from videogrammetry.calibration.network_seed import (
     F_FACTORS,
     F_GRID,
@@ -293,7 +293,7 @@ def _known_focal(
     return cameras
 
 
-def _known_rows(block: Block, image: int) -> FloatArray:
+def _known_rows(block: Block, image: int) -> RowArray:
     rows = block.rows_of[image]
     return rows[block.known[block.point[rows]]]
 
@@ -435,13 +435,14 @@ def _left_out(
 ) -> tuple[tuple[str, str], ...]:
     """Pictures in no group, with the reason."""
     reasons = []
+    least = MIN_KNOWN_POINTS if main.known.any() else MIN_POINTS
     for image in np.setdiff1d(np.arange(len(network.images)), np.concatenate(groups)):
         seen, placed = len(main.rows_of[image]), main.count_placed(int(image))
-        if seen < MIN_KNOWN_POINTS:
-            reason = f"only {seen} points with a number; a pose needs {MIN_KNOWN_POINTS}"
-        elif placed < MIN_KNOWN_POINTS:
+        if seen < least:
+            reason = f"only {seen} points with a number; a pose needs {least}"
+        elif placed < least:
             reason = (
-                f"sees {placed} of the placed points; a pose needs {MIN_KNOWN_POINTS}: take "
+                f"sees {placed} of the placed points; a pose needs {least}: take "
                 "pictures between it and its neighbours"
             )
         else:

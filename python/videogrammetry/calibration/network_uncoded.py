@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.stats import poisson
 
@@ -14,7 +13,7 @@ from videogrammetry.adjustment import Network
 from videogrammetry.calibration.network_block import Block, with_interior
 from videogrammetry.calibration.network_epipolar import View, epipolar_pairs, ideal_rays
 from videogrammetry.calibration.network_input import NetworkInput, NetworkPoints
-from videogrammetry.calibration.network_rays import BoolArray, agreeing, intersect_rays
+from videogrammetry.calibration.network_rays import BoolArray, RowArray, agreeing, intersect_rays
 from videogrammetry.calibration.network_seed import common_points
 from videogrammetry.errors import CalibrationError
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera
@@ -32,6 +31,9 @@ _MIN_PAIR_RAD, _BEST_PAIR_RAD, _MAX_PAIR_RAD = np.radians([4.0, 20.0, 60.0])
 #: Angle to the first picture within which a third one may see the same side.
 _MAX_THIRD_RAD = np.radians(75.0)
 _NEIGHBOURS = 8
+#: Two new points within this many standard deviations may be one: depth is a few times
+#: less sure than across.
+_SAME_SIGMAS = 12.0
 #: A prediction less certain than this confirms nothing, px.
 _MAX_PREDICTION_PX = 8.0
 
@@ -98,6 +100,7 @@ def link_uncoded(network: NetworkInput, *, max_rounds: int = 3) -> LinkedNetwork
         matcher = _Matcher(network)
         matcher.extend_known()
         matcher.match_pairs()
+        matcher.merge_split(first_new)
         ambiguous = matcher.ambiguous
         if not matcher.changed:
             break
@@ -314,18 +317,18 @@ class _Matcher:
             if len(ok) == 0:
                 continue
             gate = np.sqrt(_GATE_CHI2) * view.total_px
-            nearest = cKDTree(view.xy_px[index]).query(xy[ok], k=min(2, len(index)))
-            distance, at = (np.atleast_2d(x.T).T for x in nearest)
+            distance, at = _neighbours(cKDTree(view.xy_px[index]), xy[ok], min(2, len(index)))
             alone = (distance[:, 0] < gate) & (
                 (distance[:, 1] > 3 * gate) if distance.shape[1] > 1 else True
             )
-            back, _ = cKDTree(xy[ok]).query(view.xy_px[index[at[:, 0]]], k=min(2, len(ok)))
+            found = view.xy_px[index[at[:, 0]]]
+            back, _ = _neighbours(cKDTree(xy[ok]), found, min(2, len(ok)))
             if len(ok) > 1:
                 alone &= back[:, 1] > 3 * gate
             for k in np.flatnonzero(alone):
                 self._claim(image, int(index[at[k, 0]]), int(has[unseen[ok[k]]]))
 
-    def _seen_from(self, points: npt.NDArray[np.intp]) -> FloatArray:
+    def _seen_from(self, points: RowArray) -> FloatArray:
         """Mean unit direction from each point to the pictures that see it."""
         block = self.block
         centre = -np.einsum("nji,nj->ni", block.rotation, block.translation)
@@ -384,7 +387,7 @@ class _Matcher:
             return
         third, expected, facing = self._confirm(i, j, points, cov)
         found = (third >= 0).sum(axis=1)
-        chance = len(points) * poisson.sf(found - 1, expected)
+        chance = len(points) * np.asarray(poisson.sf(found - 1, expected))
         good = (found >= MIN_RAYS - 2) & (chance < _FALSE_POINTS)
         good &= found >= _SEEN_SHARE * facing
         order = sorted(np.flatnonzero(good), key=lambda k: (-found[k], chance[k]))
@@ -392,7 +395,7 @@ class _Matcher:
 
     def _confirm(
         self, i: int, j: int, points: FloatArray, cov: FloatArray
-    ) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.intp]]:
+    ) -> tuple[RowArray, FloatArray, RowArray]:
         """Open image point (P, I) at each prediction or -1, chance hits, pictures that face."""
         third = np.full((len(points), len(self.block.rotation)), -1)
         expected, facing = np.zeros(len(points)), np.zeros(len(points), int)
@@ -410,8 +413,7 @@ class _Matcher:
             if len(usable) == 0:
                 continue
             tree = cKDTree(view.xy_px[index])
-            distance, at = tree.query(xy[usable], k=min(2, len(index)))
-            distance, at = distance.reshape(len(usable), -1), at.reshape(len(usable), -1)
+            _, at = _neighbours(tree, xy[usable], min(2, len(index)))
             chi2 = np.stack(
                 [
                     _mahalanobis(view.xy_px[index[at[:, c]]] - xy[usable], total[usable])
@@ -427,9 +429,7 @@ class _Matcher:
             facing[usable] += 1
         return third, expected, facing
 
-    def _settle(
-        self, i: int, j: int, found: Sequence[tuple[int, int, npt.NDArray[np.intp]]]
-    ) -> None:
+    def _settle(self, i: int, j: int, found: Sequence[tuple[int, int, RowArray]]) -> None:
         """Make points of what was found, most rays first; two that share rays are ambiguous."""
         taken: dict[tuple[int, int], int] = {}
         rivals = self._rivals(i, j, found)
@@ -451,9 +451,7 @@ class _Matcher:
                 taken[image, index] = point
                 self._claim(image, index, point)
 
-    def _rivals(
-        self, i: int, j: int, found: Sequence[tuple[int, int, npt.NDArray[np.intp]]]
-    ) -> set[int]:
+    def _rivals(self, i: int, j: int, found: Sequence[tuple[int, int, RowArray]]) -> set[int]:
         """Candidates for which another with the same image point has as many rays."""
         rays = [int((third >= 0).sum()) for _, _, third in found]
         rivals: set[int] = set()
@@ -483,6 +481,29 @@ class _Matcher:
             return [], None
         near = agreeing(position, centre, direction, f_px, gate)
         return [ray for ray, kept in zip(rays, near, strict=True) if kept], position
+
+    def merge_split(self, first_new: int) -> None:
+        """Join new points at one place that no picture sees apart.
+
+        A dot whose prediction had a rival in some pictures is found a second time
+        from those that were left.
+        """
+        position = np.array(self.position)
+        new = np.flatnonzero(np.isfinite(position[:, 0]))
+        new = new[new >= first_new]
+        if len(new) < 2:
+            return
+        views = list(self.views.values())
+        depth = np.median([np.linalg.norm(view.centre - self.middle) for view in views])
+        across = max(view.total_px / view.f_px for view in views)
+        near = cKDTree(position[new]).query_pairs(_SAME_SIGMAS * float(depth) * across)
+        image = self.network.observations.image
+        for a, b in sorted(near):
+            first, second = int(new[a]), int(new[b])
+            in_first, in_second = image[self.point == first], image[self.point == second]
+            if len(in_first) and len(in_second) and not np.isin(in_first, in_second).any():
+                self.point[self.point == second] = first
+                self.position[second] = np.full(3, np.nan)
 
     def result(self) -> NetworkInput:
         """The network with the new points and assignments."""
@@ -515,17 +536,23 @@ def _mahalanobis(difference: FloatArray, cov: FloatArray) -> FloatArray:
     return result
 
 
+def _neighbours(tree: cKDTree, points: FloatArray, count: int) -> tuple[FloatArray, RowArray]:
+    """Distances and indices of the nearest, (N, count) each."""
+    distance, index = tree.query(points, k=np.arange(1, count + 1))
+    return np.asarray(distance), np.asarray(index)
+
+
 def _density(tree: cKDTree) -> float:
     """Image points per px2 where they stand: from the distance of the fourth neighbour."""
     count = min(5, tree.n)
     if count < 2:
         return 1e-6
-    distance, _ = tree.query(tree.data, k=count)
+    distance, _ = _neighbours(tree, np.asarray(tree.data), count)
     return float((count - 1) / (np.pi * max(np.median(distance[:, -1]), 1e-3) ** 2))
 
 
 def _intersect_two(
-    a: View, b: View, first: npt.NDArray[np.intp], second: npt.NDArray[np.intp]
+    a: View, b: View, first: RowArray, second: RowArray
 ) -> tuple[FloatArray, FloatArray]:
     """Intersections (k, 3) of pairs of rays and their covariances; NaN where they diverge."""
     u, v = a.directions(first), b.directions(second)
@@ -542,4 +569,5 @@ def _intersect_two(
         weight = (view.f_px / np.maximum(np.abs(depth), 1e-9) / view.total_px) ** 2
         across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
         normal += weight[:, None, None] * across
-    return points, np.linalg.inv(normal)
+    cov: FloatArray = np.asarray(np.linalg.inv(normal), float)
+    return points, cov

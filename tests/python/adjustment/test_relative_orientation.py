@@ -103,6 +103,9 @@ def test_finds_the_truth(seed, wrong):
     best = found.candidates[0]
     rotation, direction = errors_rad(best, turn, shift)
     bounds = bounds_rad(cams, pixels, turn, shift, ~bad)
+    # A wrong pair that chance puts within the gate of four sigmas of its line pulls by
+    # up to four times what a right one may, in the direction that few pairs hold.
+    bounds *= 3 if wrong else 1
     assert rotation < bounds[0], seed
     assert direction < bounds[1], seed
     assert best.inlier[~bad].all(), seed

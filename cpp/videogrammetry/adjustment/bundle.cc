@@ -375,14 +375,14 @@ BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
   const UnknownIndex index(*network);
   const Elimination elimination(*network, index);
   ceres::Solver::Options solver;
-  // A dense reduced system up to a size where its cube is still milliseconds.
+  // Networks join nearly all of the reduced unknowns with each other (every
+  // picture sees many points): dense, unless its square no longer fits into memory.
   solver.linear_solver_type =
-      elimination.reduced.size() <= 600 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+      elimination.reduced.size() <= 12000 ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
   solver.linear_solver_ordering = EliminationOrder(index, elimination, &blocks, problem);
   solver.max_num_iterations = options.max_iterations;
   solver.num_threads = ResolveThreads(options.num_threads);
-  // A relative change of v'Pv of 1e-10 moves no unknown by 1e-3 of its sigma.
-  solver.function_tolerance = 1e-10;
+  solver.function_tolerance = options.function_tolerance;
   solver.parameter_tolerance = 1e-14;
   solver.gradient_tolerance = 1e-14;
   solver.initial_trust_region_radius = options.near_solution ? 1e12 : 1e4;

@@ -94,6 +94,7 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   BundleOptions bundle;
   bundle.near_solution = false;
   bundle.cauchy_scale = 3.0;
+  bundle.function_tolerance = 1e-6;  // least squares follows
   bundle.num_threads = options.num_threads;
   std::vector<double> floors(network->cameras.size(), kStartFloorPx);
   for (const NetworkCamera& c : network->cameras) {

@@ -155,12 +155,16 @@ class Dispersion:
     pose_index : per pose, its first place (rx, ry, rz, tx, ty, tz) or -1.
     point_index : per point, its first place (x, y, z) or -1.
     unknown_names : "left A1", "stage 3 rx", "point 7 x", ...
+    redundancy : observations and a-priori values, less unknowns, and ``datum_size``.
+    datum_size : datum parameters that inner constraints determine (free network).
     """
 
     camera_index: IntArray
     pose_index: IntArray
     point_index: IntArray
     unknown_names: tuple[str, ...]
+    redundancy: int
+    datum_size: int
     handle: Any = field(repr=False)
 
     @property
@@ -201,9 +205,9 @@ class Dispersion:
         xy, cov = self.handle.predict(np.asarray(image, np.int32), np.asarray(point, np.int32))
         return xy, cov
 
-    def full_covariance(self) -> FloatArray:
+    def full_covariance(self, *, num_threads: int = 0) -> FloatArray:
         """Covariance of all unknowns, in the order of ``unknown_names``."""
-        return np.asarray(self.handle.full_covariance())
+        return np.asarray(self.handle.full_covariance(num_threads))
 
 
 class Network:
@@ -559,6 +563,8 @@ class Network:
             pose_index=np.array(handle.pose_index, np.int32),
             point_index=np.array(handle.point_index, np.int32),
             unknown_names=tuple(handle.names(self._network)),
+            redundancy=handle.redundancy,
+            datum_size=handle.datum_size,
             handle=handle,
         )
 

@@ -137,9 +137,9 @@ TEST(Datum, CovarianceEqualsTheBorderedSystem) {
     for (Eigen::Index k = 0; k < d; ++k) e.col(k).normalize();
     bordered.topRightCorner(u, d) = e;
     bordered.bottomLeftCorner(d, u) = e.transpose();
-    const Eigen::MatrixXd expected =
-        scale.asDiagonal() * bordered.fullPivLu().inverse().topLeftCorner(u, u) *
-        scale.asDiagonal();
+    const Eigen::MatrixXd expected = scale.asDiagonal() *
+                                     bordered.fullPivLu().inverse().topLeftCorner(u, u) *
+                                     scale.asDiagonal();
     EXPECT_LT(RelativeDifference(dispersion.FullCovariance(), expected), 1e-7) << bars << " bars";
   }
 }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from videogrammetry.adjustment import Adjustment, Network
 from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
-from videogrammetry.calibration.run import CameraFrames, Rejection
+from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
 from videogrammetry.calibration.start import CameraStart
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet
 
@@ -31,7 +31,7 @@ class Bundle:
 
     ``camera_of``: the project's camera of each of the network's; ``outer``: the
     network pose of each camera in the rig (none where every picture has a pose
-    of its own); ``pictures``: one a network image; ``stage_pose``: the network
+    of its own); ``time_offset``: whether cameras may be late; ``pictures``: one a network image; ``stage_pose``: the network
     pose of a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles
     that the network knows, NaN for points that are none.
     """
@@ -43,6 +43,7 @@ class Bundle:
     stage_pose: dict[int, int] = field(default_factory=dict)
     circle_normal: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    time_offset: bool = False
 
     def set_circles(self, normal: FloatArray, diameter_mm: FloatArray) -> None:
         """Have the network model the ellipses of these circles."""
@@ -84,6 +85,7 @@ class Bundle:
             np.concatenate([p.xy_px for p in self.pictures]),
             np.concatenate([p.cov_px2 for p in self.pictures]),
             used,
+            velocity_px=image_velocities(self.pictures) if self.time_offset else None,
         )
 
     @property
@@ -105,13 +107,24 @@ def joint_bundle(
     rig_from_target: Mapping[int, Rigid],
     target: PointSet,
     target_cov: FloatArray,
-    eccentricity: bool = True,
+    options: CalibrationOptions,
 ) -> Bundle:
     """One pose a stage, one constant relative pose a camera, target coordinates observed."""
     network = Network()
-    bundle = Bundle(network=network, camera_of=list(range(len(cameras))), outer=[])
+    bundle = Bundle(
+        network=network, camera_of=list(range(len(cameras))), outer=[],
+        time_offset=options.time_offset,
+    )  # fmt: skip
     for index, (camera, start) in enumerate(zip(cameras, starts, strict=True)):
-        network.add_camera(camera.name, start.model, free=offered_names(camera), start=start.held)
+        # The first camera is the clock.
+        late = ("time_offset",) if options.time_offset and index > 0 else ()
+        network.add_camera(
+            camera.name,
+            start.model,
+            free=(*offered_names(camera), *late),
+            start=start.held,
+            prior_sigma=camera.prior_sigma,
+        )
         # The reference's pose is the frame itself.
         bundle.outer.append(network.add_pose(camera.name, *cam_from_rig[index], free=index > 0))
     for stage, pose in sorted(rig_from_target.items()):
@@ -125,9 +138,36 @@ def joint_bundle(
         )
         bundle.pictures.append(picture)
     network.set_points(target.id, target.position_mm, target_cov)
-    bundle.set_known_circles(target, eccentricity)
+    if options.sigma_mm is None and target.full_cov_mm2 is not None:
+        # A coordinate stated without error would make the weights infinite.
+        size = float(np.linalg.norm(np.ptp(target.position_mm, axis=0)))
+        joint = target.full_cov_mm2 + np.eye(3 * len(target)) * (1e-7 * size) ** 2
+        network.set_point_prior(np.arange(len(target)), target.position_mm, joint)
+    bundle.set_known_circles(target, options.eccentricity)
     bundle.set_observations()
     return bundle
+
+
+def image_velocities(pictures: Sequence[Picture]) -> FloatArray:
+    """(M, 2) px per stage: how an image point moves, from the pictures before and after.
+
+    Central differences where the same camera saw the point in both, one-sided ones where
+    in one, 0 where in neither.
+    """
+    at = {
+        (p.camera, p.stage, int(row)): xy
+        for p in pictures
+        for row, xy in zip(p.point, p.xy_px, strict=True)
+    }
+    velocities = []
+    for p in pictures:
+        for row, xy in zip(p.point.tolist(), p.xy_px, strict=True):
+            before = at.get((p.camera, p.stage - 1, row))
+            after = at.get((p.camera, p.stage + 1, row))
+            steps = [after - xy] if after is not None else []
+            steps += [xy - before] if before is not None else []
+            velocities.append(np.mean(steps, axis=0) if steps else np.zeros(2))
+    return np.reshape(velocities, (-1, 2))
 
 
 def single_bundle(

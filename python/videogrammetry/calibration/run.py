@@ -40,7 +40,8 @@ class CameraFrames:
 
     ``start`` gives start values (``f_px``, ``x0_px``, ``y0_px``, ``A1``...);
     ``free`` the interior parameters to estimate (None: all ten, each kept only
-    if significant); ``r0_px`` None = 2/3 of the half diagonal.
+    if significant); ``prior_sigma`` standard deviations with which start values are
+    observed; ``r0_px`` None = 2/3 of the half diagonal.
     """
 
     name: str
@@ -49,6 +50,7 @@ class CameraFrames:
     start: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     r0_px: float | None = None
+    prior_sigma: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +78,9 @@ class CalibrationOptions:
         a diameter and a normal of the target's table, or a normal that the
         ellipses tell. False: take them for the pictures of the circles' centres.
     diameter_mm : of circles whose diameter the table does not state; None: unknown.
+    time_offset : estimate by which part of the interval between two stages a camera is late
+        (the first is the clock), from how targets move from stage to stage; joint only.
+        Stages of neighbouring numbers must be neighbours in time.
     num_threads : 0 = one a core.
     """
 
@@ -86,6 +91,7 @@ class CalibrationOptions:
     significance: float = 2.58
     eccentricity: bool = True
     diameter_mm: float | None = None
+    time_offset: bool = False
     num_threads: int = 0
 
 

@@ -13,6 +13,7 @@ from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
 from videogrammetry.calibration.start import CameraStart
+from videogrammetry.errors import CalibrationError
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet
 
 #: What may be dropped when a camera's free parameters are not chosen.
@@ -31,9 +32,10 @@ class Bundle:
 
     ``camera_of``: the project's camera of each of the network's; ``outer``: the
     network pose of each camera in the rig (none where every picture has a pose
-    of its own); ``time_offset``: whether cameras may be late; ``pictures``: one a network image; ``stage_pose``: the network
-    pose of a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles
-    that the network knows, NaN for points that are none.
+    of its own); ``time_offset``: whether cameras may be late; ``pictures``: one a
+    network image; ``stage_pose``: the network pose of a stage; ``circle_normal``
+    (N, 3), ``circle_diameter_mm`` (N,): the circles that the network knows, NaN for
+    points that are none.
     """
 
     network: Network
@@ -143,9 +145,29 @@ def joint_bundle(
         size = float(np.linalg.norm(np.ptp(target.position_mm, axis=0)))
         joint = target.full_cov_mm2 + np.eye(3 * len(target)) * (1e-7 * size) ** 2
         network.set_point_prior(np.arange(len(target)), target.position_mm, joint)
+    _set_lengths(network, target, options)
     bundle.set_known_circles(target, options.eccentricity)
     bundle.set_observations()
     return bundle
+
+
+def _set_lengths(network: Network, target: PointSet, options: CalibrationOptions) -> None:
+    row = {int(number): i for i, number in enumerate(target.id)}
+    for bar in options.lengths:
+        for end in (bar.point_a, bar.point_b):
+            if end not in row:
+                raise CalibrationError(
+                    f"the scale bar {bar.point_a}-{bar.point_b} ends in point {end}, which is not "
+                    "one of the target's: name the bars between points of the target here; bars "
+                    "beside it belong into its measurement (measure-target)"
+                )
+    if options.lengths:
+        network.set_scale_bars(
+            [row[bar.point_a] for bar in options.lengths],
+            [row[bar.point_b] for bar in options.lengths],
+            [bar.length_mm for bar in options.lengths],
+            [bar.sigma_mm for bar in options.lengths],
+        )
 
 
 def image_velocities(pictures: Sequence[Picture]) -> FloatArray:

@@ -34,6 +34,7 @@ from videogrammetry.calibration.run import (
     CalibrationRun,
     CameraFrames,
     FrameTargets,
+    KnownLength,
     Rejection,
 )
 from videogrammetry.calibration.solving import Solution
@@ -43,21 +44,10 @@ from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import default_r0_px, rays_through_pixels
 from videogrammetry.types import FloatArray, IntArray, PointSet, RigCamera
 
-
 #: Rays that pass each other by more belong to no one point; a start's distortion is rough.
 _MEET_PX = 10.0
 #: Rays under a smaller angle place no point.
 _LEAST_RAD = 0.02
-
-
-@dataclass(frozen=True, kw_only=True)
-class KnownLength:
-    """The distance of two targets that holds at every stage: a bar, a wand."""
-
-    point_a: int
-    point_b: int
-    length_mm: float
-    sigma_mm: float
 
 
 @dataclass(frozen=True)
@@ -144,21 +134,21 @@ def _collect(
     alone: dict[int, int] = {}
     for key, by in seen.items():
         if key not in row:
-            camera = next(iter(by))
-            alone[camera] = alone.get(camera, 0) + 1
+            only = next(iter(by))
+            alone[only] = alone.get(only, 0) + 1
     rejected = [
         Rejection(
             kind="target",
-            camera=cameras[camera].name,
+            camera=cameras[index].name,
             image="",
             point_id=None,
             value=float(count),
             reason=f"{count} targets are seen by no other camera at their stage",
         )
-        for camera, count in sorted(alone.items())
+        for index, count in sorted(alone.items())
     ]
-    number, stage = np.array(kept, np.int32).T
-    return _Places(number, stage), [p for p in pictures if len(p)], rejected
+    table = np.array(kept, np.int32)
+    return _Places(table[:, 0], table[:, 1]), [p for p in pictures if len(p)], rejected
 
 
 def _numbers(frame: FrameTargets) -> list[int]:
@@ -333,7 +323,7 @@ def _bundle(
         starts.append(
             CameraStart(model=lens, held=held, f_given=f_given, poses={}, gate_px=gate, rejected=())
         )
-    placed = np.isfinite(positions).all(axis=1)
+    placed = np.asarray(np.isfinite(positions).all(axis=1))
     rig = network.add_pose("rig", np.eye(3), np.zeros(3), free=False)
     for picture in pictures:
         keep = placed[picture.point]

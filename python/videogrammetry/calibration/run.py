@@ -54,6 +54,16 @@ class CameraFrames:
 
 
 @dataclass(frozen=True, kw_only=True)
+class KnownLength:
+    """The distance of two targets that holds at every stage: a bar, a wand."""
+
+    point_a: int
+    point_b: int
+    length_mm: float
+    sigma_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class CalibrationOptions:
     """How to calibrate.
 
@@ -81,6 +91,7 @@ class CalibrationOptions:
     time_offset : estimate by which part of the interval between two stages a camera is late
         (the first is the clock), from how targets move from stage to stage; joint only.
         Stages of neighbouring numbers must be neighbours in time.
+    lengths : known distances between the target's points, observed; joint only.
     num_threads : 0 = one a core.
     """
 
@@ -92,6 +103,7 @@ class CalibrationOptions:
     eccentricity: bool = True
     diameter_mm: float | None = None
     time_offset: bool = False
+    lengths: tuple[KnownLength, ...] = ()
     num_threads: int = 0
 
 

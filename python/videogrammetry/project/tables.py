@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -198,11 +199,11 @@ def write_points(path: str | os.PathLike[str], points: PointSet) -> None:
         columns.append(points.diameter_mm)
     joint = points.full_cov_mm2
     if points.cov_mm2 is not None and (joint is not None or points.cov_mm2[:, [1, 2, 4]].any()):
-        more = {} if joint is None else {"full_cov_mm2": joint}
+        arrays: dict[str, Any] = {"id": points.id, "cov_mm2": points.cov_mm2}
+        if joint is not None:
+            arrays["full_cov_mm2"] = joint
         with atomic_path(full) as beside:
-            np.savez(
-                beside, id=points.id, cov_mm2=points.cov_mm2, order="xx,xy,xz,yy,yz,zz", **more
-            )
+            np.savez(beside, order="xx,xy,xz,yy,yz,zz", **arrays)
     write_csv(path, header, columns)
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.adjustment import Adjustment, Network
+from videogrammetry.adjustment import CAMERA_UNKNOWNS, Adjustment, Network
+from videogrammetry.calibration.late_cameras import image_motion, less_bend
 from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
@@ -18,6 +19,8 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet
 
 #: What may be dropped when a camera's free parameters are not chosen.
 DISTORTION_NAMES = INTERIOR_NAMES[3:]
+#: Delays that change by less, in stages, move no picture by a thousandth of a pixel.
+_SAME_DELAY = 1e-4
 POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
@@ -32,10 +35,10 @@ class Bundle:
 
     ``camera_of``: the project's camera of each of the network's; ``outer``: the
     network pose of each camera in the rig (none where every picture has a pose
-    of its own); ``time_offset``: whether cameras may be late; ``pictures``: one a
-    network image; ``stage_pose``: the network pose of a stage; ``circle_normal``
-    (N, 3), ``circle_diameter_mm`` (N,): the circles that the network knows, NaN for
-    points that are none.
+    of its own); ``pictures``: one a network image; ``stage_pose``: the network pose of
+    a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles that the
+    network knows, NaN for points that are none; ``time_offset``: whether cameras may be
+    late, ``delay`` (C,) by which part of a stage they are.
     """
 
     network: Network
@@ -46,6 +49,7 @@ class Bundle:
     circle_normal: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     time_offset: bool = False
+    delay: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def set_circles(self, normal: FloatArray, diameter_mm: FloatArray) -> None:
         """Have the network model the ellipses of these circles."""
@@ -80,15 +84,35 @@ class Bundle:
 
     def set_observations(self, used: npt.NDArray[np.bool_] | None = None) -> None:
         """Hand the pictures' points to the network (again)."""
-        image = np.concatenate([np.full(len(p), i) for i, p in enumerate(self.pictures)])
+        image = self.image_of
+        xy_px = np.concatenate([p.xy_px for p in self.pictures])
+        velocity_px = None
+        if self.time_offset:
+            motion = image_motion(self.pictures)
+            camera = np.array([p.camera for p in self.pictures])[image]
+            delay = self.delay if len(self.delay) else np.zeros(camera.max() + 1)
+            xy_px, velocity_px = less_bend(xy_px, motion, delay[camera]), motion.velocity_px
+            # A late camera's point without neighbours cannot be brought to the stage.
+            here = motion.known | (camera == 0)
+            used = here if used is None else used & here
         self.network.set_observations(
             image,
             np.concatenate([p.point for p in self.pictures]),
-            np.concatenate([p.xy_px for p in self.pictures]),
+            xy_px,
             np.concatenate([p.cov_px2 for p in self.pictures]),
             used,
-            velocity_px=image_velocities(self.pictures) if self.time_offset else None,
+            velocity_px=velocity_px,
         )
+
+    def update_delay(self) -> bool:
+        """Take the estimated delays over; whether that changes the observations."""
+        place = CAMERA_UNKNOWNS.index("time_offset")
+        found = np.array(
+            [self.network.camera_unknowns(i)[place] for i in range(len(self.camera_of))]
+        )
+        before = self.delay if len(self.delay) else np.zeros(len(found))
+        self.delay = found
+        return bool(np.abs(found - before).max() > _SAME_DELAY)
 
     @property
     def image_of(self) -> IntArray:
@@ -168,28 +192,6 @@ def _set_lengths(network: Network, target: PointSet, options: CalibrationOptions
             [bar.length_mm for bar in options.lengths],
             [bar.sigma_mm for bar in options.lengths],
         )
-
-
-def image_velocities(pictures: Sequence[Picture]) -> FloatArray:
-    """(M, 2) px per stage: how an image point moves, from the pictures before and after.
-
-    Central differences where the same camera saw the point in both, one-sided ones where
-    in one, 0 where in neither.
-    """
-    at = {
-        (p.camera, p.stage, int(row)): xy
-        for p in pictures
-        for row, xy in zip(p.point, p.xy_px, strict=True)
-    }
-    velocities = []
-    for p in pictures:
-        for row, xy in zip(p.point.tolist(), p.xy_px, strict=True):
-            before = at.get((p.camera, p.stage - 1, row))
-            after = at.get((p.camera, p.stage + 1, row))
-            steps = [after - xy] if after is not None else []
-            steps += [xy - before] if before is not None else []
-            velocities.append(np.mean(steps, axis=0) if steps else np.zeros(2))
-    return np.reshape(velocities, (-1, 2))
 
 
 def single_bundle(

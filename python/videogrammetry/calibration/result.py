@@ -69,6 +69,7 @@ def calibration_run(
     of = {name: used & (table.camera == index) for index, name in enumerate(names)}
     adjustments = [s.adjustment for s in outcome.solutions]
     redundancy = sum(a.redundancy for a in adjustments)
+    of_target = sum(a.point_redundancy for a in adjustments)
     squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
     sigma0 = float(np.sqrt(squares / redundancy))
     how = {
@@ -115,6 +116,10 @@ def calibration_run(
             *outcome.warnings,
         ),
         seconds=seconds,
+        target_factor=sum(a.point_factor * a.point_redundancy for a in adjustments) / of_target
+        if of_target > 0
+        else None,
+        target_redundancy=of_target,
     )  # fmt: skip
 
 

@@ -146,6 +146,8 @@ class CalibrationRun:
     parameters_kept : camera -> names of the interior parameters estimated.
     rejected, warnings : for the report and the terminal.
     seconds : time the calculation took.
+    target_factor, target_redundancy : variance factor of the target's coordinates
+        and its redundancy; None where it was not estimated.
     """
 
     rig: RigData
@@ -166,6 +168,8 @@ class CalibrationRun:
     rejected: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    target_factor: float | None = None
+    target_redundancy: float = 0.0
 
 
 def check_free(names: Sequence[str], where: str) -> tuple[str, ...]:

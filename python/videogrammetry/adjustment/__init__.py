@@ -1,13 +1,13 @@
 """Photogrammetric adjustment: start values, bundle, covariance, data snooping."""
 
-from videogrammetry.adjustment.network import (
+from videogrammetry.adjustment.network import Network
+from videogrammetry.adjustment.results import (
     CAMERA_UNKNOWNS,
     Adjustment,
     AdjustOptions,
     CameraVariance,
     Dispersion,
     DroppedParameter,
-    Network,
     PointPriorStatistics,
     ScaleBarStatistics,
 )

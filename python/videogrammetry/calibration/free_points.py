@@ -25,6 +25,7 @@ from videogrammetry.calibration.network_input import (
     NetworkPoints,
     ScaleBars,
 )
+from videogrammetry.calibration.network_rays import intersect_rays
 from videogrammetry.calibration.network_start import start_network
 from videogrammetry.calibration.pictures import Picture, Pictures
 from videogrammetry.calibration.result import Outcome, calibration_run
@@ -39,8 +40,14 @@ from videogrammetry.calibration.solving import Solution
 from videogrammetry.calibration.start import START_GATE, CameraStart, start_interior
 from videogrammetry.calibration.volume import with_volume
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import default_r0_px
+from videogrammetry.geometry import default_r0_px, rays_through_pixels
 from videogrammetry.types import FloatArray, IntArray, PointSet, RigCamera
+
+
+#: Rays that pass each other by more belong to no one point; a start's distortion is rough.
+_MEET_PX = 10.0
+#: Rays under a smaller angle place no point.
+_LEAST_RAD = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +266,35 @@ def _start(
         observations=observations,
         scale_bars=bars,
     )
-    return start_network(network).network
+    return _place_rest(start_network(network).network)
+
+
+def _place_rest(network: NetworkInput) -> NetworkInput:
+    """Points that the start left without a place, where their rays meet after all."""
+    positions = network.points.position_mm.copy()
+    o = network.observations
+    rays = {}
+    for index, (camera, image) in enumerate(zip(network.cameras, network.images, strict=True)):
+        if image.rotation is None or image.translation_mm is None:
+            continue
+        lens = RigCamera(
+            image_size_px=camera.image_size_px, interior=camera.interior, r0_px=camera.r0_px,
+            rotation=image.rotation, translation_mm=image.translation_mm,
+        )  # fmt: skip
+        rows = np.flatnonzero(o.image == index)
+        direction = rays_through_pixels(lens, o.xy_px[rows]) @ image.rotation
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        for row, way in zip(rows.tolist(), direction, strict=True):
+            rays[row] = (lens.centre_mm, way, float(camera.interior[0]))
+    for point in np.flatnonzero(np.isnan(positions).any(axis=1)):
+        own = [rays[row] for row in np.flatnonzero(o.point == point).tolist() if row in rays]
+        if len(own) < 2:
+            continue
+        centre, way, f_px = (np.array(part) for part in zip(*own, strict=True))
+        place = intersect_rays(centre, way, f_px, _MEET_PX, _LEAST_RAD)
+        if place is not None:
+            positions[point] = place
+    return replace(network, points=replace(network.points, position_mm=positions))
 
 
 def _bundle(
@@ -271,7 +306,8 @@ def _bundle(
 ) -> tuple[Bundle, list[CameraStart]]:
     """The rig's bundle in the first camera's frame: one pose a camera, all points free."""
     first = started.images[0]
-    assert first.rotation is not None and first.translation_mm is not None
+    assert first.rotation is not None
+    assert first.translation_mm is not None
     base_rotation, base_shift = first.rotation, first.translation_mm
     positions = started.points.position_mm @ base_rotation.T + base_shift
     network = Network()
@@ -280,7 +316,8 @@ def _bundle(
     for index, (camera, model, image) in enumerate(
         zip(cameras, started.cameras, started.images, strict=True)
     ):
-        assert image.rotation is not None and image.translation_mm is not None
+        assert image.rotation is not None
+        assert image.translation_mm is not None
         rotation = image.rotation @ base_rotation.T
         shift = image.translation_mm - rotation @ base_shift
         lens = RigCamera(
@@ -337,8 +374,9 @@ def _solve(
     )
     if not adjustment.converged:
         raise CalibrationError(
-            f"the adjustment does not converge ({adjustment.message.strip()}); wave the bar through "
-            "more of the volume, near and far and in all directions, or give start values of f_px"
+            f"the adjustment does not converge ({adjustment.message.strip()}); wave the bar "
+            "through more of the volume, near and far and in all directions, or give start "
+            "values of f_px"
         )
     names = [camera.name for camera in cameras]
     target = PointSet(id=places.number, position_mm=bundle.network.positions_mm)

@@ -23,12 +23,15 @@ class NetworkOptions:
         many standard deviations is dropped (see ``CalibrationOptions``).
     eccentricity : model the ellipses' centres of points whose circle is known.
     robust_start : begin with Cauchy's loss.
+    estimate_floor : estimate an additive variance of the image points per camera; for
+        observations whose covariances are of recognition alone.
     num_threads : 0 = one a core.
     """
 
     significance: float = 2.58
     eccentricity: bool = True
     robust_start: bool = True
+    estimate_floor: bool = False
     num_threads: int = 0
 
 

@@ -68,7 +68,10 @@ def add_parser(verbs: SubParsers) -> None:
     )
     add_recognition_arguments(parser)
     parser.add_argument(
-        "--diameter-mm", type=float, metavar="D", help="of the dots: corrects their eccentricity"
+        "--diameter-mm",
+        type=float,
+        metavar="D",
+        help="of the dots, for their eccentricity (default: what the ellipses tell)",
     )
     parser.add_argument(
         "--f-px", type=float, metavar="F", help="start value (default: EXIF, else searched)"

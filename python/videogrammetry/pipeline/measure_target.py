@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.calibration.network_adjustment import adjust_network
+from videogrammetry.calibration.network_circles import PictureEllipses, circles_of
 from videogrammetry.calibration.network_input import (
     NO_SCALE_BARS,
     NetworkCamera,
@@ -48,7 +49,8 @@ class TargetOptions:
     recognition : of the targets.
     f_px : start value of f for all cameras; None: from EXIF, else searched.
     free : interior parameters to estimate; None: all ten, each kept if significant.
-    diameter_mm : of the dots, for the eccentricity of their ellipses; None: not modelled.
+    eccentricity : model the ellipses' centres of dots whose normal the pictures tell.
+    diameter_mm : of the dots; None: from the ellipses.
     uncoded : give un-coded dots that several pictures see a number and measure them.
     critical_value : of the data snooping.
     num_threads : 0 = one a core.
@@ -57,6 +59,7 @@ class TargetOptions:
     recognition: RecognitionOptions = field(default_factory=RecognitionOptions)
     f_px: float | None = None
     free: tuple[str, ...] | None = None
+    eccentricity: bool = True
     diameter_mm: float | None = None
     uncoded: bool = True
     critical_value: float = 4.0
@@ -169,6 +172,9 @@ def measure_target(
     how = NetworkOptions(estimate_floor=True, num_threads=options.num_threads)
     result = adjust_network(network, how)
     network = _placed(network, result, nominal)
+    if options.eccentricity:
+        result = adjust_network(network, replace(how, robust_start=False))
+        network = circles_of(network, result, _ellipses(photographs), options.diameter_mm)
     progress(3, 4, "adjusting")
     result = adjust_network(network, replace(how, robust_start=False))
     sides = two_sides(result)
@@ -211,7 +217,6 @@ def _network(
         )
     all_cov = np.concatenate(cov)
     names = tuple(map(str, numbers))
-    diameter = np.full(len(names), options.diameter_mm or np.nan)
     return NetworkInput(
         cameras=cameras,
         images=tuple(
@@ -222,8 +227,6 @@ def _network(
             name=names,
             position_mm=np.full((len(names), 3), np.nan),
             kind=np.full(len(names), "free"),
-            normal=None,
-            diameter_mm=diameter if options.diameter_mm else None,
         ),
         observations=NetworkObservations(
             image=np.concatenate(image),
@@ -297,6 +300,16 @@ def _without_unknown(network: NetworkInput) -> NetworkInput:
             image=o.image[keep], point=o.point[keep], xy_px=o.xy_px[keep], cov_px2=o.cov_px2[keep]
         ),
     )
+
+
+def _ellipses(photographs: Photographs) -> dict[str, PictureEllipses]:
+    return {
+        name: PictureEllipses(
+            ellipse=np.column_stack([t.centre_px, t.semi_axes_px, t.angle_rad]),
+            cov=t.cov[:, 2:, 2:],
+        )
+        for name, t in zip(photographs.names, photographs.targets, strict=True)
+    }
 
 
 def _placed(

@@ -199,8 +199,8 @@ def _rejected(camera: CameraQuality) -> list[Advice]:
     return [
         _of(
             camera, "rejected", share,
-            f"{camera.rejected} of {total} image points ({share:.0%}) were rejected, where one in a "
-            "hundred is usual: look at their pictures below for blur, glare or wrong numbers.",
+            f"{camera.rejected} of {total} image points ({share:.0%}) were rejected, where one "
+            "in a hundred is usual: look at them for blur, glare or wrong numbers.",
         )
     ]  # fmt: skip
 
@@ -238,8 +238,8 @@ def _reliability(quality: NetworkQuality) -> list[Advice]:
         found.append(
             Advice(
                 topic="redundancy", camera="", value=r.mean,
-                text=f"The mean redundancy of an image coordinate is {r.mean:.2f}: half of an error "
-                "shows in its residual at best. More pictures of the same points raise it.",
+                text=f"The mean redundancy of an image coordinate is {r.mean:.2f}: most of an "
+                "error hides in the unknowns. More pictures of the same points raise it.",
             )
         )  # fmt: skip
     if r.weak:
@@ -289,7 +289,7 @@ def _bars(quality: NetworkQuality) -> list[Advice]:
                 text=f"{len(wrong)} of {len(bars)} scale bars "
                 f"{'contradicts' if len(wrong) == 1 else 'contradict'} the rest, at worst by "
                 f"{abs(bars.residual_mm[worst]):.3g} mm (stated sigma "
-                f"{bars.sigma_mm[worst]:.2g} mm): have them measured anew, see that they lie still.",
+                f"{bars.sigma_mm[worst]:.2g} mm): have them measured anew, and do not move them.",
             )
         )  # fmt: skip
     return found

@@ -286,7 +286,8 @@ def _rejected(run: CalibrationRun, pictures: StagePictures | None) -> str:
     rest = len(items) - len(rows)
     note = f'<p class="note">and {count(rest)} more</p>' if rest else ""
     return (
-        f'<h2>Rejected</h2><div class="card">{target_cutouts(run, pictures)}<details{" open" if len(items) <= 40 else ""}>'
+        f'<h2>Rejected</h2><div class="card">{target_cutouts(run, pictures)}'
+        f"<details{' open' if len(items) <= 40 else ''}>"
         f"<summary>{escape(total)}</summary>{table(heads, rows)}{note}</details></div>\n"
     )
 

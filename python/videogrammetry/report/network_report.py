@@ -172,7 +172,7 @@ def _space(result: NetworkAdjustment, quality: NetworkQuality) -> str:
             scene=scene_towards(quality.up, first, middle),
             position_mm=points.position_mm,
             name=points.name,
-            seen=points.images.astype(np.int64),
+            value=points.images.astype(np.int64),
             legend="pictures that see a point",
             unit="pictures",
             lines_mm=[points.position_mm[[i, j]] for i, j in zip(a, b, strict=True)],

@@ -200,7 +200,7 @@
       }
       const dot = drawn.find((one) => one.p === state.hover);
       if (dot === undefined) return;
-      const way = dot.way === null ? "" : still ? `, ${dot.way} ${data.unit}` : `, ${(dot.way / 100).toFixed(2)} mm`;
+      const way = dot.way === null ? "" : still ? (data.unit ? `, ${dot.way} ${data.unit}` : "") : `, ${(dot.way / 100).toFixed(2)} mm`;
       const words = `${still ? "" : "point "}${data.ids[dot.p]}${way}`, wide = pen.measureText(words).width + 12;
       const x = dot.x + 10 + wide > state.width ? dot.x - 10 - wide : dot.x + 10, y = dot.y - 28;
       pen.fillStyle = "#2a3340";

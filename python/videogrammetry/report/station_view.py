@@ -32,8 +32,8 @@ class Stations:
     Attributes
     ----------
     rig : the cameras, or a camera a picture. scene : what is up and away.
-    position_mm : (N, 3) points; name : theirs; seen : (N,) how often each was seen.
-    legend, unit : of ``seen``: "pictures that see a point", "pictures".
+    position_mm : (N, 3) points; name : theirs; value : (N,) what colours them.
+    legend : of the colours; unit : of the value beside a point's name, "" = without it.
     lines_mm : lines (K, 3) that show how a target lay.
     """
 
@@ -41,9 +41,9 @@ class Stations:
     scene: Scene
     position_mm: FloatArray
     name: Sequence[str]
-    seen: npt.NDArray[np.int64]
+    value: npt.NDArray[np.int64]
     legend: str
-    unit: str
+    unit: str = ""
     lines_mm: Sequence[FloatArray] = field(default=())
 
 
@@ -74,10 +74,10 @@ def station_view(stations: Stations) -> str:
         "times": [None],
         "reference": 0,
         "first": 0,
-        "largest": max(1, int(stations.seen.max(initial=1))),
+        "largest": max(1, int(stations.value.max(initial=1))),
         "per_second": 1,
         "points": [whole(shown.ravel())],
-        "values": [int(stations.seen[i]) for i in keep],
+        "values": [int(stations.value[i]) for i in keep],
         "radius": 4 if len(keep) <= 300 else 2.2,
         "legend": stations.legend,
         "unit": stations.unit,

@@ -44,10 +44,12 @@ def target_positions(run: CalibrationRun) -> str:
             rig=run.rig,
             scene=Scene(),
             position_mm=points,
-            name=[f"position {stage}, point {point}" for stage, point in places.tolist()],
-            seen=times.astype(np.int64),
-            legend="cameras that saw a point there",
-            unit="cameras",
+            name=[
+                f"position {stage}, point {point}: {n} camera{'s' * (n > 1)}"
+                for (stage, point), n in zip(places.tolist(), times.tolist(), strict=True)
+            ],
+            value=places[:, 0].astype(np.int64),
+            legend="number of the target's position",
             lines_mm=lines,
         )
     )

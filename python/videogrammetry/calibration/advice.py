@@ -222,8 +222,8 @@ def _linking(quality: NetworkQuality) -> list[Advice]:
             Advice(
                 topic="rays", camera="", value=few,
                 text=f"{few} of {len(rays)} points are seen in only two pictures (mean "
-                f"{rays.mean():.1f}): an error along the ray's picture shows nowhere. Take more "
-                "pictures of that part, four a point and more.",
+                f"{rays.mean():.1f}): an error along the epipolar line shows nowhere. Take "
+                "more pictures of that part, four a point and more.",
             )
         )  # fmt: skip
     return found

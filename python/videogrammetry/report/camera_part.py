@@ -44,7 +44,7 @@ _DOTS = 600
 CAMERA_STYLE = """
 .camera>div{min-width:0}
 @media print{.camera{grid-template-columns:minmax(0,1.25fr) minmax(0,1fr)}
-figure{break-inside:avoid}.card.camera{break-inside:auto}}
+figure{break-inside:avoid}.card.camera{break-inside:auto}h2,h3{break-after:avoid}}
 """
 
 

@@ -120,7 +120,8 @@ def _expected(ex: float, ey: float, cx: float, cy: float, away_px: float) -> str
 def _scale(zoom: float) -> str:
     """A bar of ten pixels, to tell pieces of different size apart."""
     return (
-        f'<path d="M6 {_DRAWN - 7}h{10 * zoom:.1f}" stroke="#fff" stroke-width="2"/>'
+        f'<rect x="2" y="{_DRAWN - 16}" width="{44 + 10 * zoom:.1f}" height="15" rx="3" '
+        f'opacity="0.55"/><path d="M6 {_DRAWN - 7}h{10 * zoom:.1f}" stroke="#fff" stroke-width="2"/>'
         f'<text x="{10 + 10 * zoom:.1f}" y="{_DRAWN - 4}" style="fill:#fff">10 px</text>'
     )
 

@@ -99,7 +99,7 @@ def _summary(result: NetworkAdjustment) -> str:
             "observations": count(s.observations),
             "unknowns": count(s.unknowns),
             "redundancy": count(s.redundancy),
-            "rejected": count(len(result.rejected)),
+            "rejected": count(sum(r.kind != "parameter" for r in result.rejected)),
         }
     )
 

@@ -62,6 +62,12 @@ def residual_vectors(
         f'fill="#fbfcfe" stroke="{LINE}"/>',
         f'<path d="{_thirds(_WIDTH, height * scale)}" stroke="{LINE}" stroke-dasharray="2 5"/>',
     ]
+    # No arrow leaves the picture; drawings of one size may share the name of their clip.
+    frame = f"picture-{height * scale:.1f}"
+    parts.append(
+        f'<clipPath id="{frame}"><rect width="{_WIDTH:.0f}" height="{height * scale:.1f}"/>'
+        f'</clipPath><g clip-path="url(#{frame})">'
+    )
     kept = np.flatnonzero(used)
     kept = kept[evenly_over_picture(xy_px[kept], most)]
     if len(kept) > _MOST_TIPS:
@@ -79,7 +85,7 @@ def residual_vectors(
         parts.append(
             f'<path d="M{x - 3:.1f} {y - 3:.1f}l6 6m0 -6l-6 6" stroke="{RED}" stroke-width="1.3"/>'
         )
-    parts.append(_scale_bar(magnification, height * scale + 20, typical))
+    parts += ["</g>", _scale_bar(magnification, height * scale + 20, typical)]
     return drawing(_WIDTH, bottom, parts, "residual vectors")
 
 

@@ -18,10 +18,12 @@ from videogrammetry.report.html import Cell, count, escape, table
 _MOST_PICTURES = 400
 
 QUALITY_STYLE = """
-.advice ul{margin:6px 0 0;padding-left:20px}
-.advice li{margin:4px 0}
-.advice .topic{display:inline-block;min-width:92px;font-weight:600;color:var(--amber)}
+.advice ul{margin:0;padding:0;list-style:none}
+.advice li{display:grid;grid-template-columns:104px 1fr;gap:12px;margin:5px 0}
+.advice .topic{font-weight:600;color:var(--amber)}
 .advice.none{border-left:6px solid var(--green)}
+@media print{main{zoom:.68;max-width:none;padding:0}*{print-color-adjust:exact}
+tr{break-inside:avoid}}
 """
 
 
@@ -34,7 +36,7 @@ def advice_card(advice: tuple[Advice, ...]) -> str:
             "redundancy and correlations are all as they should be.</div>\n"
         )
     lines = "".join(
-        f'<li><span class="topic">{escape(one.topic)}</span> {escape(one.text)}</li>'
+        f'<li><span class="topic">{escape(one.topic)}</span><span>{escape(one.text)}</span></li>'
         for one in advice
     )
     return f'{head}<div class="card advice"><ul>{lines}</ul></div>\n'

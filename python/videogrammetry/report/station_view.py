@@ -21,7 +21,8 @@ _MOST_POINTS, _MOST_PRINTED = 5000, 700
 STATION_STYLE = """
 .two{display:grid;grid-template-columns:repeat(2,minmax(0,1fr));gap:8px 26px;align-items:start}
 @media (max-width:820px){.two{grid-template-columns:1fr}}
-@media print{.space-view{display:none}}
+@media print{.space-view,.space-view+.note{display:none}
+.two{grid-template-columns:repeat(2,minmax(0,1fr))}}
 """
 
 

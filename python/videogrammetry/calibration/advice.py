@@ -51,8 +51,10 @@ def advise(quality: NetworkQuality) -> tuple[Advice, ...]:
     """
     found: list[Advice] = []
     for camera in quality.cameras:
-        found += _coverage(camera, quality.target)
         found += _pictures(camera)
+        if not len(camera.pictures):
+            continue
+        found += _coverage(camera, quality.target)
         found += _angles(camera, quality.target)
         found += _depth(camera, quality.target)
         found += _correlation(camera, quality.target)
@@ -102,11 +104,10 @@ def _pictures(camera: CameraQuality) -> list[Advice]:
     n = len(camera.pictures)
     if n >= FEW_PICTURES:
         return []
+    used = f"only {n} picture{' was' if n == 1 else 's were'} used" if n else "no picture was used"
     return [
         _of(
-            camera, "pictures", n,
-            f"only {n} picture{'' if n == 1 else 's'} {'was' if n == 1 else 'were'} used; "
-            f"{FEW_PICTURES} are the least, 16 and more are good.",
+            camera, "pictures", n, f"{used}; {FEW_PICTURES} are the least, 16 and more are good."
         )
     ]  # fmt: skip
 
@@ -115,7 +116,7 @@ def _angles(camera: CameraQuality, target: bool) -> list[Advice]:
     """Roll and tilt, where what they determine was asked for."""
     asked = {*camera.free, *camera.undetermined}
     found = []
-    if asked & {"x0", "y0"} and camera.roll_span_rad < SMALL_ROLL_RAD and len(camera.pictures):
+    if asked & {"x0", "y0"} and camera.roll_span_rad < SMALL_ROLL_RAD:
         rolls = np.degrees(camera.pictures.roll_rad[np.isfinite(camera.pictures.roll_rad)])
         span = math.degrees(camera.roll_span_rad)
         where = f" ({rolls.min():+.0f} to {rolls.max():+.0f})" if 0 < len(rolls) < 2000 else ""

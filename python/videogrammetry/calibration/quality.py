@@ -153,7 +153,8 @@ class CameraQuality:
     depth_mm : least and largest depth of a used point.
     roll_span_rad : shortest arc that holds the rolls.
     tilt_rad : largest tilt of the target against the picture; for objects of any shape
-        the largest angle between two directions of view.
+        the largest angle between two directions of view. NaN, as the rolls, of
+        single points without a target.
     free : estimated parameters; undetermined : offered, but the pictures do not tell them.
     correlations : of the interior, and of the exterior where there is one.
     """

@@ -193,8 +193,10 @@ def _camera_of_run(run: CalibrationRun, name: str, index: int) -> CameraQuality:
         ]
     )
     counts, depths = _by_group(seen.stage[posed], depth, stages)
-    rotations = np.array([in_cam[int(s)][0] for s in stages]).reshape(-1, 3, 3)
-    angles = tilts_and_rolls(rotations, run.target.position_mm) if len(stages) else np.empty((0, 2))
+    angles = np.full((len(stages), 2), np.nan)
+    if len(stages) and not _still(run):
+        rotations = np.array([in_cam[int(s)][0] for s in stages])
+        angles = tilts_and_rolls(rotations, run.target.position_mm)
     cov = run.rig.cov
     rows = np.flatnonzero([n.split("/")[0] == name for n in run.rig.cov_names])
     block = cov[np.ix_(rows, rows)] if cov is not None and len(rows) else np.zeros((16, 16))
@@ -209,13 +211,22 @@ def _camera_of_run(run: CalibrationRun, name: str, index: int) -> CameraQuality:
         points=int(used.sum()),
         rejected=int((mine & ~seen.used).sum()),
         depth_mm=_range(depth),
-        roll_span_rad=span_rad(angles[:, 1]),
-        tilt_rad=float(angles[:, 0].max(initial=0.0)),
+        roll_span_rad=np.nan if _still(run) else span_rad(angles[:, 1]),
+        tilt_rad=np.nan if _still(run) else float(angles[:, 0].max(initial=0.0)),
         free=tuple(run.parameters_kept[name]),
         undetermined=_undetermined(run, name),
         correlations=correlations(CAMERA_PARAMETERS, block),
         reliability=reliability(seen.redundancy[used], _detectable_px(run)[used]),
     )  # fmt: skip
+
+
+def _still(run: CalibrationRun) -> bool:
+    """Whether no target moved: the points of a waved bar are points of the rig, each its own."""
+    poses = list(run.rig_from_target.values())
+    return len(poses) > 1 and all(
+        np.array_equal(rotation, poses[0][0]) and np.array_equal(shift, poses[0][1])
+        for rotation, shift in poses
+    )
 
 
 def _undetermined(run: CalibrationRun, name: str) -> tuple[str, ...]:

@@ -19,6 +19,8 @@ from videogrammetry.report.correlation_figure import correlation_grid, correlati
 from videogrammetry.report.html import Cell, count, deviation, escape, figure, number, table
 from videogrammetry.report.picture_figures import (
     MOST_ARROWS,
+    MOST_CROSSES,
+    MOST_TIPS,
     arrows_note,
     coverage_map,
     coverage_note,
@@ -37,8 +39,8 @@ UNITS = {
     "B2": "px⁻¹",
     "time_offset": "intervals",
 }
-#: Arrows on a page of many cameras, all together.
-_ARROWS_A_PAGE = 36_000
+#: Of a page of many cameras all together: arrows, arrows with texts, crosses, dots.
+_ARROWS_A_PAGE, _TIPS_A_PAGE, _CROSSES_A_PAGE, _DOTS_A_PAGE = 20_000, 3000, 2000, 6000
 _DOTS = 600
 
 CAMERA_STYLE = """
@@ -93,13 +95,14 @@ def camera_card(part: CameraPart) -> str:
         f"points used, {quality.rejected} rejected, RMS {part.rms_px:.4f} px a coordinate"
         f"{part.remark}</p>"
     )
-    most = max(300, min(MOST_ARROWS, _ARROWS_A_PAGE // max(1, part.cameras)))
+    most = min(MOST_ARROWS, _ARROWS_A_PAGE // part.cameras)
+    tips = min(MOST_TIPS, _TIPS_A_PAGE // part.cameras)
+    crosses = min(MOST_CROSSES, _CROSSES_A_PAGE // part.cameras)
     vectors = residual_vectors(
-        (width, height), part.xy_px, part.residual_px, part.used, part.labels, most
+        (width, height), part.xy_px, part.residual_px, part.used, part.labels, most, tips, crosses
     )
-    left = figure(
-        "Residuals over the picture", vectors, arrows_note(quality.points, quality.rejected, most)
-    )
+    note = arrows_note(quality.points, quality.rejected, most, crosses)
+    left = figure("Residuals over the picture", vectors, note)
     left += figure(
         "Correlations of what was estimated",
         correlation_grid(quality.correlations),
@@ -121,7 +124,7 @@ def _right(part: CameraPart) -> str:
     width, height = part.quality.image_size_px
     centre = np.array([(width - 1) / 2 + part.interior[0], (height - 1) / 2 + part.interior[1]])
     xy, residual = part.xy_px[part.used], part.residual_px[part.used]
-    dots = evenly_over_picture(xy, _DOTS)
+    dots = evenly_over_picture(xy, min(_DOTS, _DOTS_A_PAGE // part.cameras))
     from_centre = xy[dots] - centre
     corner = np.hypot(
         np.maximum(centre[0], width - centre[0]), np.maximum(centre[1], height - centre[1])

@@ -56,8 +56,8 @@ def cutouts(items: Sequence[Cutout]) -> str:
     )
     note = (
         f'<p class="note"><b style="color:{_MEASURED}">Cross</b>: measured; '
-        f'<b style="color:#1b8a4b">circle</b>: expected, where the others say. Grey values are '
-        "stretched.</p>"
+        f'<b style="color:#1b8a4b">circle</b>: expected, where the others say (dashed: '
+        "outside of the piece). Grey values are stretched.</p>"
     )
     return f'<div class="cutouts">{pieces}</div>{note}'
 
@@ -113,7 +113,8 @@ def _expected(ex: float, ey: float, cx: float, cy: float, away_px: float) -> str
         f'<path d="M{cx:.1f} {cy:.1f}L{tip}" stroke="{_EXPECTED}" stroke-width="1.6" '
         f'stroke-dasharray="4 3"/><circle cx="{cx + dx:.1f}" cy="{cy + dy:.1f}" r="3" '
         f'fill="{_EXPECTED}"/><text x="{x:.1f}" y="{cy + 1.14 * dy + 4:.1f}" '
-        f'text-anchor="middle" style="fill:{_EXPECTED}">{words}</text>'
+        f'text-anchor="middle" style="fill:{_EXPECTED};paint-order:stroke;stroke:#000;'
+        f'stroke-width:2.5px">{words}</text>'
     )
 
 
@@ -121,7 +122,8 @@ def _scale(zoom: float) -> str:
     """A bar of ten pixels, to tell pieces of different size apart."""
     return (
         f'<rect x="2" y="{_DRAWN - 16}" width="{44 + 10 * zoom:.1f}" height="15" rx="3" '
-        f'opacity="0.55"/><path d="M6 {_DRAWN - 7}h{10 * zoom:.1f}" stroke="#fff" stroke-width="2"/>'
+        f'opacity="0.55"/><path d="M6 {_DRAWN - 7}h{10 * zoom:.1f}" stroke="#fff" '
+        'stroke-width="2"/>'
         f'<text x="{10 + 10 * zoom:.1f}" y="{_DRAWN - 4}" style="fill:#fff">10 px</text>'
     )
 

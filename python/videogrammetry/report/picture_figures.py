@@ -23,9 +23,9 @@ _WIDTH = 620.0
 #: Arrows in one drawing; more only hide each other and fill the page.
 MOST_ARROWS = 4000
 #: Rejected observations in one drawing: the largest.
-_MOST_CROSSES = 400
+MOST_CROSSES = 400
 #: More arrows than this go into one path, without tips.
-_MOST_TIPS = 700
+MOST_TIPS = 700
 #: Length of a typical arrow (95th percentile) as a part of the drawing's width.
 _ARROW_PART = 0.04
 _HEAD = 4.0
@@ -38,6 +38,8 @@ def residual_vectors(
     used: npt.NDArray[np.bool_],
     labels: Sequence[str],
     most: int = MOST_ARROWS,
+    tips: int = MOST_TIPS,
+    crosses: int = MOST_CROSSES,
 ) -> str:
     """Residuals as magnified arrows from their points; rejected ones red, with a cross.
 
@@ -46,6 +48,7 @@ def residual_vectors(
     xy_px, residual_px, used : (N, 2), (N, 2), (N,).
     labels : N names for the tips.
     most : arrows at most, thinned evenly over the picture.
+    tips : more arrows than this have no texts. crosses : rejected ones at most, the largest.
     """
     width, height = image_size_px
     scale = _WIDTH / width
@@ -70,7 +73,7 @@ def residual_vectors(
     )
     kept = np.flatnonzero(used)
     kept = kept[evenly_over_picture(xy_px[kept], most)]
-    if len(kept) > _MOST_TIPS:
+    if len(kept) > tips:
         path = "".join(_arrow(start[i], arrows[i]) for i in kept.tolist())
         parts.append(f'<path d="{path}" stroke="{BLUE}" stroke-width="0.8" fill="none"/>')
     else:
@@ -79,7 +82,7 @@ def residual_vectors(
             parts.append(_single(start[i], arrows[i], BLUE, 1.1, labels[i], length[i]))
             parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.3" fill="{BLUE}"/>')
     out = np.flatnonzero(~used)
-    for i in out[np.argsort(-length[out])][:_MOST_CROSSES].tolist():
+    for i in out[np.argsort(-length[out])][:crosses].tolist():
         x, y = start[i]
         parts.append(_single(start[i], arrows[i], RED, 1.5, labels[i], length[i]))
         parts.append(
@@ -89,13 +92,15 @@ def residual_vectors(
     return drawing(_WIDTH, bottom, parts, "residual vectors")
 
 
-def arrows_note(used: int, rejected: int, most: int = MOST_ARROWS) -> str:
+def arrows_note(
+    used: int, rejected: int, most: int = MOST_ARROWS, crosses: int = MOST_CROSSES
+) -> str:
     """What of the observations the drawing leaves out; "" where it has all."""
     words = []
     if used > most:
         words.append(f"{most} of {used} arrows, thinned evenly over the picture")
-    if rejected > _MOST_CROSSES:
-        words.append(f"the largest {_MOST_CROSSES} of {rejected} rejected points")
+    if rejected > crosses:
+        words.append(f"the largest {crosses} of {rejected} rejected points")
     return f"Shown: {'; '.join(words)}." if words else ""
 
 

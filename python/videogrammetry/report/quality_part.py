@@ -99,8 +99,8 @@ def _camera_row(camera: CameraQuality) -> list[str | Cell]:
         str(len(camera.pictures)),
         f"{near:.0f} to {far:.0f}" if known else "-",
         f"{far / near:.2f}" if known else "-",
-        f"{math.degrees(camera.tilt_rad):.0f}",
-        f"{math.degrees(camera.roll_span_rad):.0f}",
+        _degrees(camera.tilt_rad),
+        _degrees(camera.roll_span_rad),
     ]
 
 

@@ -59,12 +59,12 @@ def scene_towards(up: FloatArray, from_mm: FloatArray, to_mm: FloatArray) -> Sce
 
 def station_view(stations: Stations) -> str:
     """The part of a page; needs the style of ``space_view`` and its script once, after all."""
-    keep = np.arange(len(stations.position_mm))
+    keep = np.flatnonzero(np.isfinite(stations.position_mm).all(axis=1))
     if len(keep) > _MOST_POINTS:
         keep = keep[np.linspace(0, len(keep) - 1, _MOST_POINTS).round().astype(int)]
     axes = stations.scene.axes()
     shown = stations.position_mm[keep] @ axes.T
-    pyramids = camera_pyramids(stations.rig, stations.position_mm)
+    pyramids = camera_pyramids(stations.rig, stations.position_mm[keep])
 
     def whole(lengths_mm: FloatArray) -> list[object]:
         return list(np.rint(lengths_mm / UNIT_MM).astype(np.int64).tolist())

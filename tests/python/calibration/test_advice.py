@@ -125,6 +125,10 @@ def correlated(a: str, b: str, r: float) -> Correlations:
         ("coverage", network(camera(coverage=picture_coverage(SIZE, everywhere()[::3]))),
          ("only 33%",)),
         ("pictures", network(camera(pictures=facts(7))), ("only 7 pictures",)),
+        ("pictures", network(camera(
+            pictures=facts(0), coverage=picture_coverage(SIZE, np.empty((0, 2))),
+            depth_mm=(np.nan, np.nan), tilt_rad=0.0, roll_span_rad=0.0)),
+         ("no picture was used",)),
         ("roll", network(camera(roll_span_rad=np.radians(59))), ("59 degrees", "+0 to +90")),
         ("tilt", network(camera(tilt_rad=np.radians(19))), ("19 degrees at most",)),
         ("depth", network(camera(depth_mm=(1000.0, 1190.0))), ("1000 to 1190 mm", "1.19")),
@@ -261,6 +265,10 @@ def test_a_simulated_network_has_its_geometry() -> None:
 
 def test_a_calibration_has_its_numbers() -> None:
     run = fake_run(cameras=2, stages=4)
+    # Poses that are all the same mean points of their own, as of a waved bar: no target to tilt.
+    assert not {"roll", "tilt"} & set(topics(quality_of_run(run)))
+    poses = {s: (np.eye(3), np.array([0.0, 0, 12e3 + s])) for s in range(1, 5)}
+    run = dataclasses.replace(run, rig_from_target=poses)
     quality = quality_of_run(run)
     assert quality.target
     assert set(topics(quality)) >= {"pictures", "shared", "depth", "roll", "tilt"}

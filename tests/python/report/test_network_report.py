@@ -155,6 +155,14 @@ def test_very_many_observations_make_no_large_page(result: NetworkAdjustment) ->
     assert f"4000 of {int(big.observations.used.sum())} arrows" in parsed(page)
 
 
+def test_very_many_cameras_make_no_large_page() -> None:
+    run = fake_run(cameras=30, stages=10, points=300)
+    assert len(run.observations) == 90_000
+    page = calibration_report(run, "big", lambda camera, stage: None)
+    assert len(page.encode()) < 3_000_000
+    parsed(page)
+
+
 def test_arrows_are_thinned_and_counted() -> None:
     rng = np.random.default_rng(3)
     xy, residual = rng.uniform(0, 1000, (5000, 2)), rng.normal(0, 0.1, (5000, 2))

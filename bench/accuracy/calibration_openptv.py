@@ -181,8 +181,7 @@ def best_numbers(camera, points, glass, centres, cov):
 def test_cavity(data):
     folder = data / "test-cavity" / "calibration"
     points = np.loadtxt(folder / "target.csv", delimiter=",", skiprows=1)[:, 1:]
-    print(f"{'camera':7} {'spheres':>7} {'numbered':>8} {'rejected':>8} {'median px':>9} {'RMS px':>7}"
-          f" {'bar':>5}  reference")  # fmt: skip
+    print("camera  spheres numbered rejected median px  RMS px   bar  reference")
     cameras = []
     for k in range(1, 5):
         f, rotation, shift, glass = read_orientation(folder / f"cam{k}.tif.ori")

@@ -28,12 +28,13 @@ from videogrammetry.calibration.network_input import (
 from videogrammetry.calibration.network_rays import intersect_rays
 from videogrammetry.calibration.network_start import start_network
 from videogrammetry.calibration.pictures import Picture, Pictures
-from videogrammetry.calibration.result import Outcome, calibration_run
+from videogrammetry.calibration.result import Outcome, adjusted_bars, calibration_run
 from videogrammetry.calibration.run import (
     CalibrationOptions,
     CalibrationRun,
     CameraFrames,
     FrameTargets,
+    KnownLength,
     Rejection,
 )
 from videogrammetry.calibration.solving import Solution
@@ -43,21 +44,10 @@ from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import default_r0_px, rays_through_pixels
 from videogrammetry.types import FloatArray, IntArray, PointSet, RigCamera
 
-
 #: Rays that pass each other by more belong to no one point; a start's distortion is rough.
 _MEET_PX = 10.0
 #: Rays under a smaller angle place no point.
 _LEAST_RAD = 0.02
-
-
-@dataclass(frozen=True, kw_only=True)
-class KnownLength:
-    """The distance of two targets that holds at every stage: a bar, a wand."""
-
-    point_a: int
-    point_b: int
-    length_mm: float
-    sigma_mm: float
 
 
 @dataclass(frozen=True)
@@ -104,9 +94,9 @@ def calibrate_free_points(
     places, pictures, rejected = _collect(cameras, frozenset(still))
     bars = _bars(places, lengths)
     network = _start(cameras, places, pictures, bars)
-    bundle, starts = _bundle(cameras, network, places, pictures, bars)
+    bundle, starts, bars = _bundle(cameras, network, places, pictures, bars)
     solution = _solve(bundle, cameras, places, options)
-    outcome = _outcome(bundle, solution)
+    outcome = _outcome(bundle, solution, places, bars)
     target = PointSet(
         id=np.arange(1, len(places) + 1, dtype=np.int32), position_mm=bundle.network.positions_mm
     )
@@ -144,21 +134,21 @@ def _collect(
     alone: dict[int, int] = {}
     for key, by in seen.items():
         if key not in row:
-            camera = next(iter(by))
-            alone[camera] = alone.get(camera, 0) + 1
+            only = next(iter(by))
+            alone[only] = alone.get(only, 0) + 1
     rejected = [
         Rejection(
             kind="target",
-            camera=cameras[camera].name,
+            camera=cameras[index].name,
             image="",
             point_id=None,
             value=float(count),
             reason=f"{count} targets are seen by no other camera at their stage",
         )
-        for camera, count in sorted(alone.items())
+        for index, count in sorted(alone.items())
     ]
-    number, stage = np.array(kept, np.int32).T
-    return _Places(number, stage), [p for p in pictures if len(p)], rejected
+    table = np.array(kept, np.int32)
+    return _Places(table[:, 0], table[:, 1]), [p for p in pictures if len(p)], rejected
 
 
 def _numbers(frame: FrameTargets) -> list[int]:
@@ -303,7 +293,7 @@ def _bundle(
     places: _Places,
     pictures: Sequence[Picture],
     bars: ScaleBars,
-) -> tuple[Bundle, list[CameraStart]]:
+) -> tuple[Bundle, list[CameraStart], ScaleBars]:
     """The rig's bundle in the first camera's frame: one pose a camera, all points free."""
     first = started.images[0]
     assert first.rotation is not None
@@ -333,7 +323,7 @@ def _bundle(
         starts.append(
             CameraStart(model=lens, held=held, f_given=f_given, poses={}, gate_px=gate, rejected=())
         )
-    placed = np.isfinite(positions).all(axis=1)
+    placed = np.asarray(np.isfinite(positions).all(axis=1))
     rig = network.add_pose("rig", np.eye(3), np.zeros(3), free=False)
     for picture in pictures:
         keep = placed[picture.point]
@@ -358,7 +348,13 @@ def _bundle(
         bars.point_a[usable], bars.point_b[usable], bars.length_mm[usable], bars.sigma_mm[usable]
     )
     bundle.set_observations()
-    return bundle, starts
+    kept = ScaleBars(
+        point_a=bars.point_a[usable],
+        point_b=bars.point_b[usable],
+        length_mm=bars.length_mm[usable],
+        sigma_mm=bars.sigma_mm[usable],
+    )
+    return bundle, starts, kept
 
 
 def _solve(
@@ -401,7 +397,7 @@ def _solve(
     )  # fmt: skip
 
 
-def _outcome(bundle: Bundle, solution: Solution) -> Outcome:
+def _outcome(bundle: Bundle, solution: Solution, places: _Places, bars: ScaleBars) -> Outcome:
     network, adjustment = bundle.network, solution.adjustment
     cov: FloatArray = adjustment.sigma0**2 * solution.dispersion.point_cov_mm2
     still = (np.eye(3), np.zeros(3))
@@ -417,6 +413,17 @@ def _outcome(bundle: Bundle, solution: Solution) -> Outcome:
             "scale_bars": len(adjustment.scale_bars.used),
             "scale_bar_rms_mm": float(np.sqrt(np.mean(adjustment.scale_bars.residual_mm**2))),
         },
+        bars=adjusted_bars(
+            adjustment,
+            (bars.point_a, bars.point_b),
+            bars.length_mm,
+            bars.sigma_mm,
+            [
+                f"targets {places.number[a]} and {places.number[b]}, stage "
+                f"{max(places.stage[a], places.stage[b])}"
+                for a, b in zip(bars.point_a, bars.point_b, strict=True)
+            ],
+        ),
     )
 
 

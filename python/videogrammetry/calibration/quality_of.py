@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from videogrammetry.calibration.network_result import AdjustedCamera, NetworkAdjustment
+from videogrammetry.calibration.network_result import (
+    AdjustedBars,
+    AdjustedCamera,
+    NetworkAdjustment,
+)
 from videogrammetry.calibration.picture_angles import (
     largest_angle_rad,
     rolls_against,
@@ -49,14 +53,7 @@ def quality_of_network(result: NetworkAdjustment) -> NetworkQuality:
         )
     bars = result.scale_bars
     if len(bars):
-        components.append(
-            variance_component(
-                "scale bars",
-                bars.residual_mm[bars.used],
-                bars.sigma_mm[bars.used],
-                bars.redundancy[bars.used],
-            )  # fmt: skip
-        )
+        components.append(_bars_component(bars))
     if result.known_factor is not None:
         components.append(
             VarianceComponent(
@@ -80,6 +77,13 @@ def quality_of_network(result: NetworkAdjustment) -> NetworkQuality:
         bars=bars if len(bars) else None,
         components=tuple(components),
         reliability=reliability(seen.redundancy[kept], seen.detectable_px[kept]),
+    )
+
+
+def _bars_component(bars: AdjustedBars) -> VarianceComponent:
+    kept = bars.used
+    return variance_component(
+        "scale bars", bars.residual_mm[kept], bars.sigma_mm[kept], bars.redundancy[kept]
     )
 
 
@@ -134,6 +138,8 @@ def quality_of_run(run: CalibrationRun) -> NetworkQuality:
                 redundancy=run.target_redundancy,
             )
         )
+    if run.bars is not None:
+        components.append(_bars_component(run.bars))
     used = seen.used
     return NetworkQuality(
         target=True,
@@ -144,8 +150,8 @@ def quality_of_run(run: CalibrationRun) -> NetworkQuality:
         ),
         rays=np.empty(0, np.int64),
         shared=_shared(run),
-        scale_free=False,
-        bars=None,
+        scale_free=_still(run),
+        bars=run.bars,
         components=tuple(components),
         reliability=reliability(seen.redundancy[used], _detectable_px(run)[used]),
     )

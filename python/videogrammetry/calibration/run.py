@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet, RigData
 
 
@@ -40,7 +41,8 @@ class CameraFrames:
 
     ``start`` gives start values (``f_px``, ``x0_px``, ``y0_px``, ``A1``...);
     ``free`` the interior parameters to estimate (None: all ten, each kept only
-    if significant); ``r0_px`` None = 2/3 of the half diagonal.
+    if significant); ``prior_sigma`` standard deviations with which start values are
+    observed; ``r0_px`` None = 2/3 of the half diagonal.
     """
 
     name: str
@@ -49,6 +51,17 @@ class CameraFrames:
     start: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     r0_px: float | None = None
+    prior_sigma: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownLength:
+    """The distance of two targets that holds at every stage: a bar, a wand."""
+
+    point_a: int
+    point_b: int
+    length_mm: float
+    sigma_mm: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +89,10 @@ class CalibrationOptions:
         a diameter and a normal of the target's table, or a normal that the
         ellipses tell. False: take them for the pictures of the circles' centres.
     diameter_mm : of circles whose diameter the table does not state; None: unknown.
+    time_offset : estimate by which part of the interval between two stages a camera is late
+        (the first is the clock), from how targets move from stage to stage; joint only.
+        Stages of neighbouring numbers must be neighbours in time.
+    lengths : known distances between the target's points, observed; joint only.
     num_threads : 0 = one a core.
     """
 
@@ -86,6 +103,8 @@ class CalibrationOptions:
     significance: float = 2.58
     eccentricity: bool = True
     diameter_mm: float | None = None
+    time_offset: bool = False
+    lengths: tuple[KnownLength, ...] = ()
     num_threads: int = 0
 
 
@@ -148,6 +167,7 @@ class CalibrationRun:
     seconds : time the calculation took.
     target_factor, target_redundancy : variance factor of the target's coordinates
         and its redundancy; None where it was not estimated.
+    bars : known lengths, their ends as rows of ``target``; None where there were none.
     """
 
     rig: RigData
@@ -170,6 +190,7 @@ class CalibrationRun:
     seconds: float = 0.0
     target_factor: float | None = None
     target_redundancy: float = 0.0
+    bars: AdjustedBars | None = None
 
 
 def check_free(names: Sequence[str], where: str) -> tuple[str, ...]:

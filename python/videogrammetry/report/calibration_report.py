@@ -26,6 +26,7 @@ from videogrammetry.report.quality_part import (
     QUALITY_STYLE,
     advice_card,
     angles_table,
+    bars_table,
     components_table,
     reliability_table,
 )
@@ -70,6 +71,7 @@ def calibration_report(
         + _poses(run)
         + f'<h2>Reliability and weights</h2><div class="card">{reliability_table(quality)}'
         + f"{components_table(quality.components)}</div>\n"
+        + bars_table(run.bars, [str(number) for number in run.target.id])
         + _pictures(run)
         + _rejected(run, pictures)
         + _provenance(run)
@@ -99,6 +101,16 @@ def _camera(run: CalibrationRun, quality: CameraQuality, index: int) -> str:
                 name=parameter, value=value, sigma=sigma,
                 significance=abs(value) / sigma if sigma else None,
                 why="estimated" if estimated else _why_not(run, name, parameter),
+            )
+        )  # fmt: skip
+    offset = run.rig.how.get("time_offset_stages", {}).get(name)
+    if offset is not None:
+        late = run.rig.how["sigma_time_offset_stages"][name]
+        parameters.append(
+            Parameter(
+                name="time_offset", value=offset, sigma=late or None,
+                significance=abs(offset) / late if late else None,
+                why="estimated: how late the camera is" if late else "the clock",
             )
         )  # fmt: skip
     return camera_card(

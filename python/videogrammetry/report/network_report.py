@@ -28,6 +28,7 @@ from videogrammetry.report.quality_part import (
     QUALITY_STYLE,
     advice_card,
     angles_table,
+    bars_table,
     components_table,
     reliability_table,
 )
@@ -72,7 +73,7 @@ def network_report(result: NetworkAdjustment, title: str, pictures: Pictures | N
         + f"{angles_table(quality)}</div>\n"
         + f'<h2>Reliability and weights</h2><div class="card">{reliability_table(quality)}'
         + f"{components_table(quality.components)}</div>\n"
-        + _bars(result)
+        + bars_table(result.scale_bars, result.points.name)
         + _rejected(result, pictures)
         + _images(result)
         + _points(result)
@@ -177,32 +178,6 @@ def _space(result: NetworkAdjustment, quality: NetworkQuality) -> str:
             unit="pictures",
             lines_mm=[points.position_mm[[i, j]] for i, j in zip(a, b, strict=True)],
         )
-    )
-
-
-def _bars(result: NetworkAdjustment) -> str:
-    bars, names = result.scale_bars, result.points.name
-    if not len(bars):
-        return ""
-    rows: list[list[str | Cell]] = [
-        [
-            f"{names[bars.point_a[i]]} - {names[bars.point_b[i]]}",
-            f"{bars.length_mm[i]:.4f}",
-            deviation(float(bars.sigma_mm[i])),
-            f"{bars.length_mm[i] - bars.residual_mm[i]:.4f}",
-            f"{bars.residual_mm[i]:+.4f}",
-            Cell(f"{bars.normalised[i]:+.2f}", "bad" if abs(bars.normalised[i]) > 3.29 else ""),
-            f"{bars.redundancy[i]:.2f}",
-            Cell("used" if bars.used[i] else "rejected", "l" if bars.used[i] else "l bad"),
-            Cell(bars.certificate[i], "l"),
-        ]
-        for i in range(len(bars))
-    ]
-    header: list[str | Cell] = ["scale bar", "stated mm", "sigma mm", "adjusted mm"]
-    header += ["residual mm", "w", "redundancy", Cell("", "l"), Cell("certificate", "l")]
-    return (
-        f'<h2>Scale bars</h2><div class="card">{table(header, rows)}<p class="note">Residual: '
-        "stated - adjusted; w: in its own standard deviations.</p></div>\n"
     )
 
 

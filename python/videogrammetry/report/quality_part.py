@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from videogrammetry.calibration.advice import Advice
+from videogrammetry.calibration.advice import BAR_CRITICAL, Advice
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.quality import (
     WEAK_REDUNDANCY,
     CameraQuality,
     NetworkQuality,
     VarianceComponent,
 )
-from videogrammetry.report.html import Cell, count, escape, table
+from videogrammetry.report.html import Cell, count, deviation, escape, table
 
-_MOST_PICTURES = 400
+_MOST_PICTURES, _MOST_BARS = 400, 60
 
 QUALITY_STYLE = """
 .advice ul{margin:0;padding:0;list-style:none}
@@ -163,3 +165,39 @@ def components_table(components: tuple[VarianceComponent, ...]) -> str:
         "redundancy it is mostly chance.</p>"
     )
     return table(header, rows) + note
+
+
+def bars_table(bars: AdjustedBars | None, names: Sequence[str]) -> str:
+    """Known lengths: stated and adjusted, the worst first where there are very many.
+
+    ``names``: of the points that ``bars`` counts; "" where there is no bar.
+    """
+    if bars is None or not len(bars):
+        return ""
+    order, w = np.arange(len(bars)), bars.normalised
+    if len(bars) > _MOST_BARS:
+        order = np.argsort(-np.nan_to_num(np.abs(w), nan=np.inf))[:_MOST_BARS]
+    rows: list[list[str | Cell]] = [
+        [
+            f"{names[bars.point_a[i]]} - {names[bars.point_b[i]]}",
+            f"{bars.length_mm[i]:.4f}",
+            deviation(float(bars.sigma_mm[i])),
+            f"{bars.length_mm[i] - bars.residual_mm[i]:.4f}",
+            f"{bars.residual_mm[i]:+.4f}",
+            Cell(
+                f"{bars.normalised[i]:+.2f}",
+                "bad" if abs(bars.normalised[i]) > BAR_CRITICAL else "",
+            ),
+            f"{bars.redundancy[i]:.2f}",
+            Cell("used" if bars.used[i] else "rejected", "l" if bars.used[i] else "l bad"),
+            Cell(bars.certificate[i], "l"),
+        ]
+        for i in order.tolist()
+    ]
+    header: list[str | Cell] = ["scale bar", "stated mm", "sigma mm", "adjusted mm"]
+    header += ["residual mm", "w", "redundancy", Cell("", "l"), Cell("certificate", "l")]
+    more = f" The worst {len(order)} of {len(bars)} are listed." if len(order) < len(bars) else ""
+    return (
+        f'<h2>Scale bars</h2><div class="card">{table(header, rows)}<p class="note">Residual: '
+        f"stated - adjusted; w: in its own standard deviations.{more}</p></div>\n"
+    )

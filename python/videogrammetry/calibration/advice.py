@@ -29,6 +29,7 @@ SIGMA_RATIO = 2.0
 #: A component of less redundancy is mostly chance.
 ENOUGH_REDUNDANCY = 10.0
 BAR_CRITICAL = 3.29
+FEW_BARS = 20
 _POSE = frozenset({"rx", "ry", "rz", "tx", "ty", "tz"})
 
 
@@ -281,7 +282,8 @@ def _bars(quality: NetworkQuality) -> list[Advice]:
             )
         )  # fmt: skip
     w = np.abs(bars.normalised)
-    wrong = np.flatnonzero(~bars.used | (w > BAR_CRITICAL))
+    # Of very many sightings of a bar one in a thousand is beyond it by chance.
+    wrong = np.flatnonzero(~bars.used | ((w > BAR_CRITICAL) & (len(bars) <= FEW_BARS)))
     if len(wrong):
         worst = wrong[np.argmax(np.where(np.isfinite(w[wrong]), w[wrong], np.inf))]
         found.append(

@@ -150,7 +150,7 @@ def quality_of_run(run: CalibrationRun) -> NetworkQuality:
         ),
         rays=np.empty(0, np.int64),
         shared=_shared(run),
-        scale_free=_still(run),
+        scale_free=single_points(run),
         bars=run.bars,
         components=tuple(components),
         reliability=reliability(seen.redundancy[used], _detectable_px(run)[used]),
@@ -200,7 +200,7 @@ def _camera_of_run(run: CalibrationRun, name: str, index: int) -> CameraQuality:
     )
     counts, depths = _by_group(seen.stage[posed], depth, stages)
     angles = np.full((len(stages), 2), np.nan)
-    if len(stages) and not _still(run):
+    if len(stages) and not single_points(run):
         rotations = np.array([in_cam[int(s)][0] for s in stages])
         angles = tilts_and_rolls(rotations, run.target.position_mm)
     cov = run.rig.cov
@@ -217,8 +217,8 @@ def _camera_of_run(run: CalibrationRun, name: str, index: int) -> CameraQuality:
         points=int(used.sum()),
         rejected=int((mine & ~seen.used).sum()),
         depth_mm=_range(depth),
-        roll_span_rad=np.nan if _still(run) else span_rad(angles[:, 1]),
-        tilt_rad=np.nan if _still(run) else float(angles[:, 0].max(initial=0.0)),
+        roll_span_rad=np.nan if single_points(run) else span_rad(angles[:, 1]),
+        tilt_rad=np.nan if single_points(run) else float(angles[:, 0].max(initial=0.0)),
         free=tuple(run.parameters_kept[name]),
         undetermined=_undetermined(run, name),
         correlations=correlations(CAMERA_PARAMETERS, block),
@@ -226,7 +226,7 @@ def _camera_of_run(run: CalibrationRun, name: str, index: int) -> CameraQuality:
     )  # fmt: skip
 
 
-def _still(run: CalibrationRun) -> bool:
+def single_points(run: CalibrationRun) -> bool:
     """Whether no target moved: the points of a waved bar are points of the rig, each its own."""
     poses = list(run.rig_from_target.values())
     return len(poses) > 1 and all(

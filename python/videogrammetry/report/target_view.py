@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.calibration.quality_of import single_points
 from videogrammetry.calibration.run import CalibrationRun
 from videogrammetry.report.cutouts import MOST_CUTOUTS, Cutout, cutouts
 from videogrammetry.report.space import Scene
 from videogrammetry.report.station_view import Stations, station_view
+from videogrammetry.types import FloatArray
 
 #: A camera's picture of a stage: grey values (height, width), or None.
 StagePictures = Callable[[str, int], npt.NDArray[Any] | None]
@@ -30,15 +32,6 @@ def target_positions(run: CalibrationRun) -> str:
     for row, (stage, point) in enumerate(places.tolist()):
         rotation, shift = run.rig_from_target[stage]
         points[row] = rotation @ position_of[point] + shift
-    lines = []
-    known = run.target.position_mm
-    # The target's longest extents along its own axes show how it lay.
-    reach = np.ptp(known, axis=0)
-    for axis in np.argsort(-reach)[:2]:
-        ends = known[[int(known[:, axis].argmin()), int(known[:, axis].argmax())]]
-        for stage in np.unique(places[:, 0]).tolist():
-            rotation, shift = run.rig_from_target[stage]
-            lines.append(ends @ rotation.T + shift)
     return station_view(
         Stations(
             rig=run.rig,
@@ -50,9 +43,26 @@ def target_positions(run: CalibrationRun) -> str:
             ],
             value=places[:, 0].astype(np.int64),
             legend="number of the target's position",
-            lines_mm=lines,
+            lines_mm=_lines(run, np.unique(places[:, 0]).tolist()),
         )
     )
+
+
+def _lines(run: CalibrationRun, stages: list[int]) -> list[FloatArray]:
+    """How the target lay: its longest extents along its own axes; of a waved bar its sightings."""
+    known = run.target.position_mm
+    if single_points(run):
+        bars = run.bars
+        if bars is None:
+            return []
+        return [known[[a, b]] for a, b in zip(bars.point_a, bars.point_b, strict=True)]
+    lines = []
+    for axis in np.argsort(-np.ptp(known, axis=0))[:2]:
+        ends = known[[int(known[:, axis].argmin()), int(known[:, axis].argmax())]]
+        for stage in stages:
+            rotation, shift = run.rig_from_target[stage]
+            lines.append(ends @ rotation.T + shift)
+    return lines
 
 
 def target_cutouts(run: CalibrationRun, pictures: StagePictures | None) -> str:

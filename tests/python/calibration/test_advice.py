@@ -181,6 +181,7 @@ def test_each_advice_has_its_number(
         network(rays=np.array([3, 0])),  # 0: a point of rejected observations
         network(bars=None, scale_free=False),
         network(bars=bars((3.2, 0.1))),
+        network(bars=bars((3.4, *[0.1] * 40))),
         network(components=(VarianceComponent(group="bars", factor=9.0, redundancy=2.0),)),
     ],
 )

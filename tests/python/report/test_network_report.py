@@ -15,7 +15,7 @@ from page_text import parsed
 from PIL import Image
 
 from videogrammetry.calibration.network_adjustment import adjust_network
-from videogrammetry.calibration.network_result import NetworkAdjustment
+from videogrammetry.calibration.network_result import AdjustedBars, NetworkAdjustment
 from videogrammetry.calibration.picture_coverage import picture_coverage
 from videogrammetry.calibration.quality import Correlations
 from videogrammetry.report import calibration_report
@@ -153,6 +153,30 @@ def test_very_many_observations_make_no_large_page(result: NetworkAdjustment) ->
     page = network_report(big, "big", picture_of)
     assert len(page.encode()) < 3_000_000
     assert f"4000 of {int(big.observations.used.sum())} arrows" in parsed(page)
+
+
+def test_known_lengths_and_delays_of_a_calibration_are_shown() -> None:
+    run = fake_run(cameras=2)
+    one = AdjustedBars(
+        point_a=np.array([0, 2]), point_b=np.array([1, 3]), length_mm=np.array([1000.125, 900.0]),
+        sigma_mm=np.full(2, 0.02), residual_mm=np.array([0.0625, -0.01]),
+        normalised=np.array([3.41, -0.5]), redundancy=np.full(2, 0.7), used=np.ones(2, bool),
+        certificate=("PTB <1>", ""),
+    )  # fmt: skip
+    how = {
+        **run.rig.how,
+        "time_offset_stages": {"cam1": 0.0, "cam2": 0.125},
+        "sigma_time_offset_stages": {"cam1": 0.0, "cam2": 0.005},
+    }
+    run = dataclasses.replace(run, bars=one, rig=dataclasses.replace(run.rig, how=how))
+    page = calibration_report(run, "c")
+    text = parsed(page)
+    for part in ("1000.1250", "1000.0625", "+0.0625", "+3.41", "PTB <1>", "1 - 2", "0.1250"):
+        assert part in text
+    assert "1 of 2 scale bars contradicts the rest" in text
+    assert "estimated: how late the camera is" in text
+    assert "the clock" in text
+    assert "Scale bars" not in parsed(calibration_report(fake_run(cameras=2), "c"))
 
 
 def test_very_many_cameras_make_no_large_page() -> None:

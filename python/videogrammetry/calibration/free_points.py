@@ -317,7 +317,13 @@ def _bundle(
         held = start_interior(camera)
         f_given = bool(held[0] > 0)
         held[0] = held[0] or model.interior[0]
-        network.add_camera(camera.name, lens, free=offered_names(camera), start=held)
+        network.add_camera(
+            camera.name,
+            lens,
+            free=offered_names(camera),
+            start=held,
+            prior_sigma=camera.prior_sigma,
+        )
         bundle.outer.append(network.add_pose(camera.name, rotation, shift, free=index > 0))
         gate = START_GATE * float(np.hypot(*camera.image_size_px))
         starts.append(

@@ -38,10 +38,14 @@ def image_motion(pictures: Sequence[Picture]) -> ImageMotion:
         for row, xy in zip(p.point.tolist(), p.xy_px, strict=True):
             before = at.get((p.camera, p.stage - 1, row))
             after = at.get((p.camera, p.stage + 1, row))
-            both = before is not None and after is not None
-            velocity.append(0.5 * (after - before) if both else nothing)
-            bend.append(after - 2.0 * xy + before if both else nothing)
-            known.append(both)
+            if before is None or after is None:
+                velocity.append(nothing)
+                bend.append(nothing)
+                known.append(False)
+                continue
+            velocity.append(0.5 * (after - before))
+            bend.append(after - 2.0 * xy + before)
+            known.append(True)
     return ImageMotion(
         velocity_px=np.reshape(velocity, (-1, 2)),
         bend_px=np.reshape(bend, (-1, 2)),

@@ -14,8 +14,8 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera
 
 #: A normal less sure than this, in rad, is not taken for known.
 _SURE_RAD = 0.1
-#: With fewer ellipses a normal is told by chance.
-_MIN_ELLIPSES = 3
+#: One ellipse leaves two normals.
+_MIN_ELLIPSES = 2
 #: A size that differs more from the others' middle is a dot of another kind.
 _SAME_SIZE = 0.1
 
@@ -37,7 +37,7 @@ def circles_of(
     ellipses: Mapping[str, PictureEllipses],
     diameter_mm: float | None,
 ) -> NetworkInput:
-    """The network, its points circles where three ellipses or more make the normal sure.
+    """The network, its points circles where two ellipses or more make the normal sure.
 
     Normals by least squares over the ellipses' shapes from the adjusted poses
     (``estimate_normals``), to be held in the adjustment that follows. The diameter is the

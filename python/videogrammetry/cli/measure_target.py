@@ -74,6 +74,13 @@ def add_parser(verbs: SubParsers) -> None:
         help="of the dots, for their eccentricity (default: what the ellipses tell)",
     )
     parser.add_argument(
+        "--cameras",
+        nargs="+",
+        default=(),
+        metavar="PATTERN",
+        help="one a camera, like 'left_*' 'right_*' (default: by EXIF and size)",
+    )
+    parser.add_argument(
         "--f-px", type=float, metavar="F", help="start value (default: EXIF, else searched)"
     )
     parser.add_argument(
@@ -100,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
     options = TargetOptions(
         recognition=recognition_options_of(args),
+        cameras=tuple(args.cameras),
         f_px=_positive(args.f_px, "--f-px"),
         diameter_mm=_positive(args.diameter_mm, "--diameter-mm"),
         free=_free(args.free),

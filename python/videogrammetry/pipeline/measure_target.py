@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -23,7 +24,7 @@ from videogrammetry.calibration.network_input import (
     ScaleBars,
 )
 from videogrammetry.calibration.network_result import NetworkAdjustment, NetworkOptions
-from videogrammetry.calibration.network_start import start_network
+from videogrammetry.calibration.network_start import StartReport, start_network
 from videogrammetry.calibration.network_uncoded import link_uncoded
 from videogrammetry.calibration.object_frame import drawing_fit, moved_network, own_axes
 from videogrammetry.calibration.two_sided import TwoSides, two_sides, two_sides_remark
@@ -47,6 +48,8 @@ class TargetOptions:
     Attributes
     ----------
     recognition : of the targets.
+    cameras : patterns of pictures' names, one a camera; without any, pictures of equal body,
+        lens, focal length (EXIF) and size are of one camera.
     f_px : start value of f for all cameras; None: from EXIF, else searched.
     free : interior parameters to estimate; None: all ten, each kept if significant.
     eccentricity : model the ellipses' centres of dots whose normal the pictures tell.
@@ -57,6 +60,7 @@ class TargetOptions:
     """
 
     recognition: RecognitionOptions = field(default_factory=RecognitionOptions)
+    cameras: tuple[str, ...] = ()
     f_px: float | None = None
     free: tuple[str, ...] | None = None
     eccentricity: bool = True
@@ -155,8 +159,9 @@ def measure_target(
     options = options or TargetOptions()
     network = _network(photographs, bars, options)
     progress(0, 4, "orienting")
-    started = start_network(network, partial=True)
-    remarks = list(started.report.doubts)
+    started = start_network(network)
+    _check_placed(started.report)
+    remarks = list(dict.fromkeys(started.report.doubts))
     network = started.network
     progress(1, 4, "matching")
     if options.uncoded and (network.observations.point < 0).any():
@@ -188,6 +193,18 @@ def measure_target(
     progress(4, 4, "adjusting")
     result = replace(result, warnings=(*remarks, *result.warnings))
     return MeasuredTarget(photographs=photographs, network=network, result=result, sides=sides)
+
+
+def _check_placed(report: StartReport) -> None:
+    """CalibrationError if no network hangs together; two pictures alone check nothing."""
+    if len(report.placed) > 2 or not report.left_out:
+        return
+    lost = "; ".join(f"{name}: {reason}" for name, reason in report.left_out[:4])
+    raise CalibrationError(
+        f"only {len(report.placed)} photographs ({', '.join(report.placed)}) hang together. "
+        f"{lost}. Neighbouring photographs should share eight coded targets or more: take some in "
+        "between"
+    )
 
 
 def _network(
@@ -248,15 +265,18 @@ def _cameras(
     cameras: list[NetworkCamera] = []
     known: dict[object, int] = {}
     camera_of = []
-    for size, facts in zip(photographs.sizes_px, photographs.facts, strict=True):
-        key = (size, facts.body, facts.lens, facts.focal_mm)
+    for name, size, facts in zip(
+        photographs.names, photographs.sizes_px, photographs.facts, strict=True
+    ):
+        pattern = _pattern_of(name, options.cameras)
+        key = (size, pattern) if options.cameras else (size, facts.body, facts.lens, facts.focal_mm)
         if key not in known:
             known[key] = len(cameras)
             interior = np.zeros(len(INTERIOR_NAMES))
             interior[0] = options.f_px or facts.f_px(size) or np.nan
             cameras.append(
                 NetworkCamera(
-                    name=f"camera{len(cameras) + 1}",
+                    name=pattern or f"camera{len(cameras) + 1}",
                     image_size_px=size,
                     interior=interior,
                     r0_px=default_r0_px(size),
@@ -265,6 +285,19 @@ def _cameras(
             )
         camera_of.append(known[key])
     return tuple(cameras), camera_of
+
+
+def _pattern_of(name: str, patterns: Sequence[str]) -> str:
+    """The first pattern that a picture's name fits; empty without patterns."""
+    for pattern in patterns:
+        if fnmatch.fnmatch(name, pattern):
+            return pattern
+    if patterns:
+        raise TableError(
+            f"picture {name} fits none of the cameras' patterns ({', '.join(patterns)}): name a "
+            "pattern for it too"
+        )
+    return ""
 
 
 def _bars(

@@ -28,7 +28,7 @@ from videogrammetry.calibration.network_input import (
 from videogrammetry.calibration.network_rays import intersect_rays
 from videogrammetry.calibration.network_start import start_network
 from videogrammetry.calibration.pictures import Picture, Pictures
-from videogrammetry.calibration.result import Outcome, calibration_run
+from videogrammetry.calibration.result import Outcome, adjusted_bars, calibration_run
 from videogrammetry.calibration.run import (
     CalibrationOptions,
     CalibrationRun,
@@ -94,9 +94,9 @@ def calibrate_free_points(
     places, pictures, rejected = _collect(cameras, frozenset(still))
     bars = _bars(places, lengths)
     network = _start(cameras, places, pictures, bars)
-    bundle, starts = _bundle(cameras, network, places, pictures, bars)
+    bundle, starts, bars = _bundle(cameras, network, places, pictures, bars)
     solution = _solve(bundle, cameras, places, options)
-    outcome = _outcome(bundle, solution)
+    outcome = _outcome(bundle, solution, places, bars)
     target = PointSet(
         id=np.arange(1, len(places) + 1, dtype=np.int32), position_mm=bundle.network.positions_mm
     )
@@ -293,7 +293,7 @@ def _bundle(
     places: _Places,
     pictures: Sequence[Picture],
     bars: ScaleBars,
-) -> tuple[Bundle, list[CameraStart]]:
+) -> tuple[Bundle, list[CameraStart], ScaleBars]:
     """The rig's bundle in the first camera's frame: one pose a camera, all points free."""
     first = started.images[0]
     assert first.rotation is not None
@@ -354,7 +354,13 @@ def _bundle(
         bars.point_a[usable], bars.point_b[usable], bars.length_mm[usable], bars.sigma_mm[usable]
     )
     bundle.set_observations()
-    return bundle, starts
+    kept = ScaleBars(
+        point_a=bars.point_a[usable],
+        point_b=bars.point_b[usable],
+        length_mm=bars.length_mm[usable],
+        sigma_mm=bars.sigma_mm[usable],
+    )
+    return bundle, starts, kept
 
 
 def _solve(
@@ -397,7 +403,7 @@ def _solve(
     )  # fmt: skip
 
 
-def _outcome(bundle: Bundle, solution: Solution) -> Outcome:
+def _outcome(bundle: Bundle, solution: Solution, places: _Places, bars: ScaleBars) -> Outcome:
     network, adjustment = bundle.network, solution.adjustment
     cov: FloatArray = adjustment.sigma0**2 * solution.dispersion.point_cov_mm2
     still = (np.eye(3), np.zeros(3))
@@ -413,6 +419,17 @@ def _outcome(bundle: Bundle, solution: Solution) -> Outcome:
             "scale_bars": len(adjustment.scale_bars.used),
             "scale_bar_rms_mm": float(np.sqrt(np.mean(adjustment.scale_bars.residual_mm**2))),
         },
+        bars=adjusted_bars(
+            adjustment,
+            (bars.point_a, bars.point_b),
+            bars.length_mm,
+            bars.sigma_mm,
+            [
+                f"targets {places.number[a]} and {places.number[b]}, stage "
+                f"{max(places.stage[a], places.stage[b])}"
+                for a, b in zip(bars.point_a, bars.point_b, strict=True)
+            ],
+        ),
     )
 
 

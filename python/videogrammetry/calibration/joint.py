@@ -11,8 +11,9 @@ from videogrammetry.adjustment import CAMERA_UNKNOWNS
 from videogrammetry.calibration.bundle import joint_bundle
 from videogrammetry.calibration.linking import RigStart
 from videogrammetry.calibration.mirrored import settle_doubtful
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.pictures import Pictures
-from videogrammetry.calibration.result import Outcome
+from videogrammetry.calibration.result import Outcome, adjusted_bars
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames
 from videogrammetry.calibration.solving import Solution, solve
 from videogrammetry.calibration.start import CameraStart
@@ -56,6 +57,19 @@ def calibrate_joint(
         rejected=rig.rejected,
         warnings=warnings,
         statistics=_time_offsets(cameras, solution) if options.time_offset else {},
+        bars=_bars(solution, target, options) if options.lengths else None,
+    )
+
+
+def _bars(solution: Solution, target: PointSet, options: CalibrationOptions) -> AdjustedBars:
+    row = {int(number): i for i, number in enumerate(target.id)}
+    ends = [[row[b.point_a] for b in options.lengths], [row[b.point_b] for b in options.lengths]]
+    a, b = np.array(ends, np.int32)
+    return adjusted_bars(
+        solution.adjustment,
+        (a, b),
+        np.array([bar.length_mm for bar in options.lengths]),
+        np.array([bar.sigma_mm for bar in options.lengths]),
     )
 
 

@@ -229,7 +229,11 @@ class NetworkSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkAdjustment:
-    """Result of :func:`~videogrammetry.calibration.network_adjustment.adjust_network`."""
+    """Result of :func:`~videogrammetry.calibration.network_adjustment.adjust_network`.
+
+    ``known_factor``: variance factor of the coordinates of weighted points, of
+    ``known_redundancy``; None where there is none.
+    """
 
     cameras: tuple[AdjustedCamera, ...]
     images: AdjustedImages
@@ -239,3 +243,5 @@ class NetworkAdjustment:
     rejected: tuple[NetworkRejection, ...]
     warnings: tuple[str, ...]
     summary: NetworkSummary
+    known_factor: float | None = None
+    known_redundancy: float = 0.0

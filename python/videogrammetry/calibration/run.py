@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet, RigData
 
 
@@ -164,6 +165,9 @@ class CalibrationRun:
     parameters_kept : camera -> names of the interior parameters estimated.
     rejected, warnings : for the report and the terminal.
     seconds : time the calculation took.
+    target_factor, target_redundancy : variance factor of the target's coordinates
+        and its redundancy; None where it was not estimated.
+    bars : known lengths, their ends as rows of ``target``; None where there were none.
     """
 
     rig: RigData
@@ -184,6 +188,9 @@ class CalibrationRun:
     rejected: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    target_factor: float | None = None
+    target_redundancy: float = 0.0
+    bars: AdjustedBars | None = None
 
 
 def check_free(names: Sequence[str], where: str) -> tuple[str, ...]:

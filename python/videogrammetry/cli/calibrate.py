@@ -65,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
         refuse_overwrite(path, args.force)
 
     from videogrammetry.pipeline import calibrate_project
+    from videogrammetry.pipeline.calibrate import calibration_pictures
     from videogrammetry.report import calibration_report
 
     progress = Progress("calibrate")
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         result: CalibrationRun = calibrate_project(project, method=args.method, progress=progress)
     finally:
         progress.close()
-    page = calibration_report(result, title=project.name)
+    page = calibration_report(result, project.name, calibration_pictures(project))
     write_rig(rig_path, result.rig)
     write_text(report_path, page)
     for warning in result.warnings:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,28 @@ def calibrate_by(
         runs[method] = _with_origin(run, project, options, files)
         progress(1, 1, "adjusting")
     return runs
+
+
+def calibration_pictures(
+    project: Project,
+) -> Callable[[str, int], npt.NDArray[Any] | None]:
+    """A project's calibration pictures by camera and stage; None where there is no picture.
+
+    For reports that show pieces of them: the files are opened at the first call.
+    """
+
+    @lru_cache(maxsize=1)
+    def sources() -> Mapping[str, FrameSource]:
+        if any(camera.observations is not None for camera in project.cameras.values()):
+            return {}
+        return open_cameras(project, "calibration", lambda camera: camera.calibration)
+
+    @lru_cache(maxsize=4)
+    def picture(camera: str, stage: int) -> npt.NDArray[Any] | None:
+        source = sources().get(camera)
+        return source.read(stage - 1) if source is not None and 0 < stage <= len(source) else None
+
+    return picture
 
 
 def known_lengths(path: Path) -> tuple[KnownLength, ...]:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.calibration.network_adjustment import adjust_network
 from videogrammetry.calibration.network_circles import PictureEllipses, circles_of
@@ -112,6 +115,19 @@ def read_photographs(
         targets=tuple(targets for targets, _ in found),
         facts=tuple(photo_facts(path) for path in files),
     )
+
+
+def picture_by_name(
+    source: JoinedSource, names: Sequence[str]
+) -> Callable[[str], npt.NDArray[Any] | None]:
+    """Photographs by the names under which they were measured, for reports; None of others."""
+    index = {name: i for i, name in enumerate(names)}
+
+    @lru_cache(maxsize=4)
+    def picture(name: str) -> npt.NDArray[Any] | None:
+        return source.read(index[name]) if name in index else None
+
+    return picture
 
 
 def measure_target(

@@ -107,6 +107,16 @@ def test_a_waved_bar_gives_the_rig_within_its_sigmas():
     assert baseline == pytest.approx(true, rel=2e-4)
 
 
+def test_every_sighting_of_the_bar_is_listed():
+    run = calibrate_free_points(observed(rig(), waved(30), np.random.default_rng(2)), BAR)
+    bars, at = run.bars, run.target.position_mm
+    seen = {tuple(remark.split(", stage ")) for remark in bars.certificate}
+    assert {targets for targets, _ in seen} == {"targets 1 and 2"}
+    assert len(seen) == len(bars) > 20
+    adjusted = np.linalg.norm(at[bars.point_a] - at[bars.point_b], axis=1)
+    np.testing.assert_allclose(bars.length_mm - bars.residual_mm, adjusted, atol=1e-6)
+
+
 def test_points_that_stand_still_are_one_point_for_all_stages():
     truth = rig()
     still = np.random.default_rng(5).uniform(-600, 600, (12, 3))

@@ -114,6 +114,9 @@ def test_a_bar_on_the_target_gives_the_scale():
     loose = CalibrationOptions(sigma_mm=1.0)
     without = calibrate(pictures, target, loose)
     with_bar = calibrate(pictures, target, replace(loose, lengths=(bar,)))
+    bars, at = with_bar.bars, with_bar.target.position_mm
+    stated = float(np.linalg.norm(at[bars.point_a[0]] - at[bars.point_b[0]]))
+    assert bars.length_mm[0] - bars.residual_mm[0] == pytest.approx(stated, abs=1e-6)
     assert abs(baseline(without) / TRUE_BASELINE - 1) > 5e-4
     assert baseline(with_bar) == pytest.approx(TRUE_BASELINE, rel=1e-4)
 

@@ -142,9 +142,7 @@ class CineSource:
         self._samples(len(self) - 1)
 
 
-def unpack_10bit(
-    packed: npt.NDArray[np.uint8], shape: tuple[int, int]
-) -> npt.NDArray[np.uint16]:
+def unpack_10bit(packed: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray[np.uint16]:
     """Samples of 10 bits, four in five bytes with the highest bits first, to uint16.
 
     Examples

@@ -16,7 +16,9 @@ from videogrammetry.sequence import cine, mraw, pgm, raster, tiff
 from videogrammetry.types import FrameSource
 
 _OPENERS: dict[str, Callable[[Path], FrameSource]] = {
-    suffix: module.open_file for module in (tiff, raster, pgm, mraw, cine) for suffix in module.SUFFIXES
+    suffix: module.open_file
+    for module in (tiff, raster, pgm, mraw, cine)
+    for suffix in module.SUFFIXES
 }
 
 

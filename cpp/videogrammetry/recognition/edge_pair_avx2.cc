@@ -96,9 +96,8 @@ inline __m256i Growth8(__m256i grey, const Growth& growth) {
   const __m256i over = _mm256_subs_epu8(grey, _mm256_set1_epi8(static_cast<char>(growth.from)));
   const __m256i even = _mm256_and_si256(over, _mm256_set1_epi16(0xff));
   const __m256i odd = _mm256_srli_epi16(over, 8);
-  const __m256i by =
-      _mm256_or_si256(_mm256_mulhi_epu16(even, factor),
-                      _mm256_slli_epi16(_mm256_mulhi_epu16(odd, factor), 8));
+  const __m256i by = _mm256_or_si256(_mm256_mulhi_epu16(even, factor),
+                                     _mm256_slli_epi16(_mm256_mulhi_epu16(odd, factor), 8));
   const int most = growth.most < 255 ? growth.most : 255;
   return _mm256_min_epu8(by, _mm256_set1_epi8(static_cast<char>(most)));
 }

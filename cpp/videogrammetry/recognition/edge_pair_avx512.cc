@@ -68,9 +68,8 @@ inline __m512i Growth8(__m512i grey, const Growth& growth) {
   const __m512i over = _mm512_subs_epu8(grey, _mm512_set1_epi8(static_cast<char>(growth.from)));
   const __m512i even = _mm512_and_si512(over, _mm512_set1_epi16(0xff));
   const __m512i odd = _mm512_srli_epi16(over, 8);
-  const __m512i by =
-      _mm512_or_si512(_mm512_mulhi_epu16(even, factor),
-                      _mm512_slli_epi16(_mm512_mulhi_epu16(odd, factor), 8));
+  const __m512i by = _mm512_or_si512(_mm512_mulhi_epu16(even, factor),
+                                     _mm512_slli_epi16(_mm512_mulhi_epu16(odd, factor), 8));
   const int most = growth.most < 255 ? growth.most : 255;
   return _mm512_min_epu8(by, _mm512_set1_epi8(static_cast<char>(most)));
 }

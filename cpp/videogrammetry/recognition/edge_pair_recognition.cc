@@ -103,8 +103,8 @@ InsideOfDots Judge(const std::vector<ModelFit>& fits, int gradient_threshold,
   const double step = kDeviations * std::sqrt(Median(std::move(variances)));
   if (step <= most) return {DotInside::kEven, step};
   const double dark = noise.Variance(Median(std::move(darker)));
-  const bool is_noise = noise.per_grey != 0.0 && noise.at_zero > -dark &&
-                        kDeviations * std::sqrt(dark) <= most;
+  const bool is_noise =
+      noise.per_grey != 0.0 && noise.at_zero > -dark && kDeviations * std::sqrt(dark) <= most;
   return {is_noise ? DotInside::kNoisy : DotInside::kTextured, step};
 }
 

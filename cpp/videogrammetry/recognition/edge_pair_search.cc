@@ -63,7 +63,8 @@ struct Chord {
 template <Storage kStorage>
 class EdgePairSearch {
  public:
-  EdgePairSearch(const SampleRows& rows, const EdgeThreshold& threshold, const std::array<double, 2>& diameter_px)
+  EdgePairSearch(const SampleRows& rows, const EdgeThreshold& threshold,
+                 const std::array<double, 2>& diameter_px)
       : rows_(rows),
         samples_(rows),
         threshold_(threshold),
@@ -249,7 +250,8 @@ class EdgePairSearch {
     chord.outside = std::max(left, right);
     const int least = chord.inside - chord.outside, most = chord.inside - std::min(left, right);
     const int brighter = std::max(chord.inside ^ rows_.flip, chord.outside ^ rows_.flip);
-    if (least < threshold_.At(brighter) || 2 * least < most || b < chord.level()) return std::nullopt;
+    if (least < threshold_.At(brighter) || 2 * least < most || b < chord.level())
+      return std::nullopt;
     return chord;
   }
 
@@ -335,11 +337,9 @@ std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
     case edge_pair::kWords:
       return search(EdgePairSearch<edge_pair::kWords>(rows, threshold, diameter_px));
     case edge_pair::kPackedHighFirst:
-      return search(
-          EdgePairSearch<edge_pair::kPackedHighFirst>(rows, threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kPackedHighFirst>(rows, threshold, diameter_px));
     default:
-      return search(
-          EdgePairSearch<edge_pair::kPackedLowFirst>(rows, threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kPackedLowFirst>(rows, threshold, diameter_px));
   }
 }
 

@@ -100,8 +100,8 @@ void ExpectSameEverywhere(const std::vector<std::uint16_t>& values, int width, i
     growing.from_grey = 90;
     growing.per_grey = 9000;
     growing.most = 17;
-    const auto grown = Numbers(FindDotRegions(storages.views()[0], sign, kDiameters, growing,
-                                              InstructionSet::kBaseline));
+    const auto grown = Numbers(
+        FindDotRegions(storages.views()[0], sign, kDiameters, growing, InstructionSet::kBaseline));
     for (std::size_t i = 0; i < storages.views().size(); ++i) {
       for (const InstructionSet set : kSets) {
         if (set > DetectInstructionSet()) continue;

@@ -90,6 +90,58 @@ inline void Edges(const std::uint8_t* p, int threshold, std::uint64_t* rises,
   }
 }
 
+// What the threshold grows by at bytes, and at words.
+inline __m256i Growth8(__m256i grey, const Growth& growth) {
+  const __m256i factor = _mm256_set1_epi16(static_cast<short>(growth.per_grey));
+  const __m256i over = _mm256_subs_epu8(grey, _mm256_set1_epi8(static_cast<char>(growth.from)));
+  const __m256i even = _mm256_and_si256(over, _mm256_set1_epi16(0xff));
+  const __m256i odd = _mm256_srli_epi16(over, 8);
+  const __m256i by = _mm256_or_si256(_mm256_mulhi_epu16(even, factor),
+                                     _mm256_slli_epi16(_mm256_mulhi_epu16(odd, factor), 8));
+  const int most = growth.most < 255 ? growth.most : 255;
+  return _mm256_min_epu8(by, _mm256_set1_epi8(static_cast<char>(most)));
+}
+
+inline __m256i Growth16(__m256i grey, const Growth& growth) {
+  const __m256i factor = _mm256_set1_epi16(static_cast<short>(growth.per_grey));
+  const __m256i over = _mm256_subs_epu16(grey, _mm256_set1_epi16(static_cast<short>(growth.from)));
+  return _mm256_min_epu16(_mm256_mulhi_epu16(over, factor),
+                          _mm256_set1_epi16(static_cast<short>(growth.most)));
+}
+
+// Lanes where a, less what the threshold grows by there, exceeds b by `least`.
+inline __m256i ReachesAbove16(__m256i a, __m256i b, __m256i least, const Growth& growth) {
+  return Reaches16(_mm256_sub_epi16(a, Growth16(a, growth)), b, least);
+}
+
+template <Storage S>
+inline void EdgesAbove(const std::uint8_t* p, int threshold, const Growth& growth,
+                       std::uint64_t* rises, std::uint64_t* falls) {
+  *rises = *falls = 0;
+  if (threshold > 65534) return;
+  for (int half = 0; half < 2; ++half) {
+    std::uint64_t rise, fall;
+    if constexpr (S == kBytes) {
+      const __m256i least = _mm256_set1_epi8(static_cast<char>(threshold + 1));
+      const __m256i left = Load256(p + 32 * half), right = Load256(p + 32 * half + 2);
+      rise = Bits(Reaches8(_mm256_sub_epi8(right, Growth8(right, growth)), left, least));
+      fall = Bits(Reaches8(_mm256_sub_epi8(left, Growth8(left, growth)), right, least));
+    } else {
+      const __m256i least = _mm256_set1_epi16(static_cast<short>(threshold + 1));
+      const __m256i left0 = Load<S>(Ahead<S>(p, 32 * half));
+      const __m256i right0 = Load<S>(Ahead<S>(p, 32 * half + 2));
+      const __m256i left1 = Load<S>(Ahead<S>(p, 32 * half + 16));
+      const __m256i right1 = Load<S>(Ahead<S>(p, 32 * half + 18));
+      rise = Bits(ReachesAbove16(right0, left0, least, growth),
+                  ReachesAbove16(right1, left1, least, growth));
+      fall = Bits(ReachesAbove16(left0, right0, least, growth),
+                  ReachesAbove16(left1, right1, least, growth));
+    }
+    *rises |= rise << (32 * half);
+    *falls |= fall << (32 * half);
+  }
+}
+
 template <Storage S>
 inline void Unpack(const std::uint8_t* p, std::uint16_t flip, std::uint16_t* out) {
   const __m256i flips = _mm256_set1_epi16(static_cast<short>(flip));

@@ -62,6 +62,51 @@ inline void Edges(const std::uint8_t* p, int threshold, std::uint64_t* rises,
   }
 }
 
+// What the threshold grows by at bytes, and at words.
+inline __m512i Growth8(__m512i grey, const Growth& growth) {
+  const __m512i factor = _mm512_set1_epi16(static_cast<short>(growth.per_grey));
+  const __m512i over = _mm512_subs_epu8(grey, _mm512_set1_epi8(static_cast<char>(growth.from)));
+  const __m512i even = _mm512_and_si512(over, _mm512_set1_epi16(0xff));
+  const __m512i odd = _mm512_srli_epi16(over, 8);
+  const __m512i by = _mm512_or_si512(_mm512_mulhi_epu16(even, factor),
+                                     _mm512_slli_epi16(_mm512_mulhi_epu16(odd, factor), 8));
+  const int most = growth.most < 255 ? growth.most : 255;
+  return _mm512_min_epu8(by, _mm512_set1_epi8(static_cast<char>(most)));
+}
+
+inline __m512i Growth16(__m512i grey, const Growth& growth) {
+  const __m512i factor = _mm512_set1_epi16(static_cast<short>(growth.per_grey));
+  const __m512i over = _mm512_subs_epu16(grey, _mm512_set1_epi16(static_cast<short>(growth.from)));
+  return _mm512_min_epu16(_mm512_mulhi_epu16(over, factor),
+                          _mm512_set1_epi16(static_cast<short>(growth.most)));
+}
+
+template <Storage S>
+inline void EdgesAbove(const std::uint8_t* p, int threshold, const Growth& growth,
+                       std::uint64_t* rises, std::uint64_t* falls) {
+  if constexpr (S == kBytes) {
+    const __m512i limit = _mm512_set1_epi8(static_cast<char>(threshold));
+    const __m512i left = _mm512_loadu_si512(p), right = _mm512_loadu_si512(p + 2);
+    const __m512i low_left = _mm512_sub_epi8(left, Growth8(left, growth));
+    const __m512i low_right = _mm512_sub_epi8(right, Growth8(right, growth));
+    *rises = _mm512_cmpgt_epu8_mask(_mm512_subs_epu8(low_right, left), limit);
+    *falls = _mm512_cmpgt_epu8_mask(_mm512_subs_epu8(low_left, right), limit);
+  } else {
+    const __m512i limit = _mm512_set1_epi16(static_cast<short>(threshold));
+    std::uint64_t rise[2], fall[2];
+    for (int half = 0; half < 2; ++half) {
+      const __m512i left = Load<S>(Ahead<S>(p, 32 * half));
+      const __m512i right = Load<S>(Ahead<S>(p, 32 * half + 2));
+      const __m512i low_left = _mm512_sub_epi16(left, Growth16(left, growth));
+      const __m512i low_right = _mm512_sub_epi16(right, Growth16(right, growth));
+      rise[half] = _mm512_cmpgt_epu16_mask(_mm512_subs_epu16(low_right, left), limit);
+      fall[half] = _mm512_cmpgt_epu16_mask(_mm512_subs_epu16(low_left, right), limit);
+    }
+    *rises = rise[0] | rise[1] << 32;
+    *falls = fall[0] | fall[1] << 32;
+  }
+}
+
 template <Storage S>
 inline void Unpack(const std::uint8_t* p, std::uint16_t flip, std::uint16_t* out) {
   const __m512i flips = _mm512_set1_epi16(static_cast<short>(flip));

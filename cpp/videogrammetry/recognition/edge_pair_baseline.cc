@@ -75,6 +75,34 @@ inline void Edges(const std::uint8_t* p, int threshold, std::uint64_t* rises,
 }
 
 template <Storage S>
+inline void EdgesAbove(const std::uint8_t* p, int threshold, const Growth& growth,
+                       std::uint64_t* rises, std::uint64_t* falls) {
+  typename Holder<S>::Type samples[66];
+  Load<S>(p, 66, samples);
+  std::uint16_t low[66];  // less what the threshold grows by
+  const auto from = static_cast<std::uint16_t>(growth.from);
+  const auto factor = static_cast<std::uint32_t>(growth.per_grey);
+  const auto most = static_cast<std::uint16_t>(growth.most);
+  for (int i = 0; i < 66; ++i) {
+    const std::uint16_t grey = samples[i];
+    const auto over = static_cast<std::uint16_t>(grey > from ? grey - from : 0);
+    const auto by = static_cast<std::uint16_t>(over * factor >> 16);
+    low[i] = static_cast<std::uint16_t>(grey - (by < most ? by : most));
+  }
+  const auto limit = static_cast<std::uint16_t>(threshold);
+  std::uint8_t up[64], down[64];
+  for (int i = 0; i < 64; ++i) {
+    const std::uint16_t a = samples[i], b = samples[i + 2];
+    const auto rise = static_cast<std::uint16_t>(low[i + 2] > a ? low[i + 2] - a : 0);
+    const auto fall = static_cast<std::uint16_t>(low[i] > b ? low[i] - b : 0);
+    up[i] = rise > limit;
+    down[i] = fall > limit;
+  }
+  *rises = Bits(up);
+  *falls = Bits(down);
+}
+
+template <Storage S>
 inline void Unpack(const std::uint8_t* p, std::uint16_t flip, std::uint16_t* out) {
   typename Holder<S>::Type samples[kUnpacked];
   Load<S>(p, kUnpacked, samples);

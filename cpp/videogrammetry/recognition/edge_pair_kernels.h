@@ -21,6 +21,12 @@ struct PairList {
   int count;
 };
 
+/// What a threshold grows by with the grey value I as stored:
+/// min(most, max(0, I - from) * per_grey / 65536), rounded down; 0 <= all three < 65536.
+struct Growth {
+  int from, per_grey, most;
+};
+
 /// Kernels on rows of one storage. They read nothing but the row's own bytes.
 struct Kernels {
   /// With g(i) = I(i + 2) - I(i), sets bit i % 64 of rises[i / 64] where g > threshold
@@ -29,6 +35,11 @@ struct Kernels {
   /// @return how many words those are, of the (width + 61) / 64 written.
   int (*edges)(const std::uint8_t* row, int width, int threshold, std::uint64_t* rises,
                std::uint64_t* falls, int* which);
+  /// Of the `found` words in `which` keeps those edges that exceed the threshold by what it
+  /// grows by at the brighter of the two samples.
+  /// @return how many words with any are left in `which`.
+  int (*brighter)(const std::uint8_t* row, int width, int threshold, Growth growth,
+                  std::uint64_t* rises, std::uint64_t* falls, int* which, int found);
   /// Copies samples, combined with `flip` by exclusive or; x is even. May write up to
   /// kSampleSlack values more.
   void (*samples)(const std::uint8_t* row, int width, int x, int count, std::uint16_t flip,

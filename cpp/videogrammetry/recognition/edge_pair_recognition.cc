@@ -14,6 +14,7 @@
 #include "videogrammetry/recognition/median.h"
 #include "videogrammetry/recognition/model_pool.h"
 #include "videogrammetry/recognition/place_index.h"
+#include "videogrammetry/recognition/window_picture.h"
 
 namespace videogrammetry {
 namespace {
@@ -37,17 +38,10 @@ constexpr double kFlareLever = 2.5, kFlarePx = 0.01;
 constexpr double kFlareTails = 3.0;
 /// What a fit may need beyond its start's ellipse.
 constexpr double kMoreReachPx = 2.0;
-/// What the local Canny may look at beyond an ellipse.
-constexpr double kUnclearReachPx = 10.0;
-/// Part of the contrast at which a dot with a gleam is cut out anew.
-constexpr double kLowLevel = 0.2;
 /// A dot this near to its place has its pixels around it.
 constexpr double kNearExpectedPx = 0.5;
 /// A dot's axes change by no more than this part from frame to frame.
 constexpr double kMostResized = 0.25;
-/// How much larger a dot may be than the gleam on it, in radii of that.
-constexpr double kMostGleam = 2.0;
-
 /// Standard deviation of the edge's place in a strip one pixel wide: Cramer and Rao's
 /// for an edge of blur s, noise n and contrast C is sqrt(2 sqrt(pi) s) n / C.
 double EdgeRms(const ModelFit& fit, const GreyNoise& noise) {
@@ -90,11 +84,28 @@ std::vector<int> FromTheLargest(const std::vector<DotRegion>& regions) {
   return order;
 }
 
-/// The median deviation of the grey values inside dots.
-double TextureOf(const std::vector<ModelFit>& fits) {
-  std::vector<double> variances;
-  for (const ModelFit& fit : fits) variances.push_back(fit.inside_variance.value_or(fit.variance));
-  return std::sqrt(Median(std::move(variances)));
+/// Judges dots by their residuals' variances, and by the noise that was made of these.
+///
+/// Chords are broken, more often than not, where four deviations of a difference exceed the
+/// threshold by 1.4. Light's own noise does that on bright dots alone, and its variance is no
+/// more than proportional to the grey value: the line through those of both sides of the edge
+/// has nothing left at the camera's black level, which may stand at half of the darker side.
+/// What is steeper, or there on the darker side too, is texture, compression or gleam.
+InsideOfDots Judge(const std::vector<ModelFit>& fits, int gradient_threshold,
+                   const GreyNoise& noise) {
+  constexpr double kBroken = 1.4, kDeviations = 4.0 * std::numbers::sqrt2;
+  std::vector<double> variances, darker;
+  for (const ModelFit& fit : fits) {
+    variances.push_back(fit.inside_variance.value_or(fit.variance));
+    darker.push_back(std::abs(fit.inside) < std::abs(fit.outside) ? fit.inside : fit.outside);
+  }
+  const double most = kBroken * gradient_threshold;
+  const double step = kDeviations * std::sqrt(Median(std::move(variances)));
+  if (step <= most) return {DotInside::kEven, step};
+  const double dark = noise.Variance(Median(std::move(darker)));
+  const bool is_noise =
+      noise.per_grey != 0.0 && noise.at_zero > -dark && kDeviations * std::sqrt(dark) <= most;
+  return {is_noise ? DotInside::kNoisy : DotInside::kTextured, step};
 }
 
 /// Takes noise back to what the picture's ground may have: the search's threshold is at
@@ -135,72 +146,6 @@ double PoolFlare(const std::vector<FlareSample>& flares) {
   if (sum < kSignificant * count) return 0.0;
   const double square = Median(std::move(squares));
   return std::sqrt(std::max(0.0, square / (2.0 * std::numbers::ln2) - noise / count));
-}
-
-/// A window's samples as a picture of its own, so that every depth's are the same.
-class WindowPicture {
- public:
-  WindowPicture(const GreyWindow& window, int sign)
-      : x0_(window.x0),
-        y0_(window.y0),
-        samples_(Samples(window, sign)),
-        image_(ImageView16(samples_.data(), window.width, window.height), sign) {}
-  WindowPicture(const WindowPicture&) = delete;
-  WindowPicture& operator=(const WindowPicture&) = delete;
-
-  const SignedImage<std::uint16_t>& image() const { return image_; }
-  Ellipse Inwards(Ellipse e) const { return Moved(e, -1); }
-  Ellipse Outwards(Ellipse e) const { return Moved(e, 1); }
-
-  /// Measures an edge anew by FitModel; if that fails or leaves it, it stays.
-  void Refine(const PictureModel* picture, TargetEdge* edge) const {
-    TargetEdge local = *edge;
-    local.ellipse = Inwards(edge->ellipse);
-    const auto fit = FitModel(image_, local, picture);
-    if (!fit || HasLeft(local.ellipse, fit->ellipse)) return;
-    edge->ellipse = Outwards(fit->ellipse);
-    edge->cov = fit->cov;
-    edge->inside = fit->inside;
-    edge->outside = fit->outside;
-  }
-
- private:
-  static std::vector<std::uint16_t> Samples(const GreyWindow& window, int sign) {
-    std::vector<std::uint16_t> samples;
-    samples.reserve(static_cast<std::size_t>(window.width) *
-                    static_cast<std::size_t>(window.height));
-    for (int y = window.y0; y < window.y0 + window.height; ++y) {
-      for (int x = window.x0; x < window.x0 + window.width; ++x) {
-        samples.push_back(static_cast<std::uint16_t>(static_cast<float>(sign) * window(x, y)));
-      }
-    }
-    return samples;
-  }
-  Ellipse Moved(Ellipse e, int direction) const {
-    e.x_px += direction * x0_;
-    e.y_px += direction * y0_;
-    return e;
-  }
-
-  int x0_, y0_;
-  std::vector<std::uint16_t> samples_;
-  SignedImage<std::uint16_t> image_;
-};
-
-/// Moments of the area at or above a level around a dot's middle.
-/// @return nullopt if there is none, or it is ragged or leaves the picture.
-std::optional<ContourMoments> AreaAt(const SignedImage<std::uint16_t>& image, const Ellipse& dot,
-                                     double grey_level) {
-  const int level = static_cast<int>(std::ceil(grey_level));
-  int x = static_cast<int>(std::lround(dot.x_px));
-  const int y = static_cast<int>(std::lround(dot.y_px));
-  if (x < 1 || y < 1 || x + 1 >= image.width() || y + 1 >= image.height()) return std::nullopt;
-  if (image(x, y) < level) return std::nullopt;
-  while (x > 0 && image(x - 1, y) >= level) --x;
-  if (x == 0) return std::nullopt;
-  ContourFollower<std::uint16_t> contour(image, std::max(image.width(), image.height()));
-  if (contour.Follow(x, y, level) != ContourEnd::kClosed) return std::nullopt;
-  return contour.Moments();
 }
 
 /// Whether a dot's place is known so badly, in its radii, that sectors may be missed.
@@ -278,7 +223,7 @@ std::optional<PictureModel> EdgePairRecognition::LearnFrom(const std::vector<Dot
   std::vector<ModelFit> fits;
   for (const Lesson& lesson : lessons) fits.push_back(lesson.fit);
   auto picture = PoolModels(fits);
-  texture_ = TextureOf(fits);
+  inside_ = Judge(fits, gradient_threshold_, picture->noise);
   // How even the light is shows with the noise known only.
   std::vector<FlareSample> flares;
   fits.clear();
@@ -316,7 +261,7 @@ std::optional<TargetEdge> EdgePairRecognition::EdgeOfDot(const ModelFit& fit,
   if (!HasSize(fit.ellipse)) return std::nullopt;
   TargetEdge edge = EdgeOf(fit, picture_->noise);
   if (picture_->flare > PictureModel{}.flare) {
-    const WindowPicture local(WindowOf(frame, kUnclearReachPx), reader_.sign());
+    const WindowPicture local(WindowOf(frame, kMostReachPx), reader_.sign());
     local.Refine(&*picture_, &edge);
   }
   return edge;
@@ -382,63 +327,6 @@ std::vector<int> EdgePairRecognition::MeasureExpected(const std::vector<Expected
   return missing;
 }
 
-std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureByLocalCanny(
-    const DotStart& dot) {
-  const WindowPicture local(WindowOf(dot.frame, kUnclearReachPx), reader_.sign());
-  Candidate candidate;
-  candidate.ellipse = local.Inwards(dot.frame.ToEllipse());
-  candidate.inside = static_cast<float>(dot.inside);
-  candidate.level = static_cast<float>(0.5 * (dot.inside + dot.outside));
-  // As in the local Canny's search: what something covers in part is no ellipse.
-  const auto area = AreaAt(local.image(), candidate.ellipse, candidate.level);
-  if (!area || !IsLikeEllipse(*area)) return std::nullopt;
-  auto edge = MeasureTargetEdge(local.image(), candidate, options_);
-  if (!edge) return std::nullopt;
-  edge->ellipse = local.Outwards(edge->ellipse);
-  CannyDot measured = {*edge, *edge};
-  if (options_.estimator == Estimator::kModel) {
-    local.Refine(picture_ ? &*picture_ : nullptr, &measured.edge);
-  }
-  return measured;
-}
-
-/// Cuts a dot out anew, at a fifth of the contrast: a gleam on a part of it makes the rest
-/// darker than half-way.
-std::optional<DotStart> EdgePairRecognition::CutOutLow(const DotStart& dot) {
-  const double more = kMostGleam * std::sqrt(dot.frame.shape.determinant()) + kUnclearReachPx;
-  const GreyWindow window = WindowOf(dot.frame, more);
-  const WindowPicture local(window, reader_.sign());
-  const double level = dot.outside + kLowLevel * (dot.inside - dot.outside);
-  const auto area = AreaAt(local.image(), local.Inwards(dot.frame.ToEllipse()), level);
-  const auto shape = area ? ShapeOfMoments(area->var_xx, area->var_xy, area->var_yy) : std::nullopt;
-  if (!shape) return std::nullopt;
-  const Eigen::Vector2d center(area->mean_x + window.x0, area->mean_y + window.y0);
-  DotStart low = {{center, *shape}, dot.inside, dot.outside};
-  Resize(level, UsualBlur(), &low);
-  if (!MeasureGrey(sampler_, &low)) return std::nullopt;
-  return low;
-}
-
-std::optional<EdgePairRecognition::CannyDot> EdgePairRecognition::MeasureUnclearAt(
-    const Start& start) {
-  if (auto edge = MeasureByLocalCanny(start.dot)) return edge;
-  // What lies beyond a narrow rim draws the moments aside,
-  if (auto edge = MeasureByLocalCanny(start.cut_out)) return edge;
-  // and a gleam hides the rest of its dot.
-  const auto low = CutOutLow(start.cut_out);
-  return low ? MeasureByLocalCanny(*low) : std::nullopt;
-}
-
-/// Reads a ring by the dot as the local Canny finds it; what has an ID then replaces the
-/// reading.
-void EdgePairRecognition::ReadRingAgain(const TargetEdge& dot, RingReading* ring) {
-  const auto canny =
-      MeasureByLocalCanny({EllipseFrame::From(dot.ellipse), dot.inside, dot.outside});
-  if (!canny) return;
-  const RingReading again = ReadRing(sampler_, canny->found, family_, options_.direction);
-  if (again.id) *ring = again;
-}
-
 void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot) {
   const Ellipse& e = edge.ellipse;
   if (IsKnown(e, targets_, places_)) return;
@@ -463,16 +351,6 @@ bool EdgePairRecognition::IsMeasured(const Eigen::Vector2d& center, double area)
     const double ratio = area / (std::numbers::pi * e.semi_major_px * e.semi_minor_px);
     return ratio > 0.5 && ratio < 2.0;
   });
-}
-
-void EdgePairRecognition::MeasureUnclear() {
-  for (const Start& start : unclear_) {
-    const Ellipse e = start.dot.frame.ToEllipse();
-    if (rings_.Holds(start.dot.frame.center, e.semi_minor_px)) continue;
-    if (IsKnown(e, targets_, places_)) continue;
-    const auto dot = MeasureUnclearAt(start);
-    if (dot) Add(dot->edge, dot->found);
-  }
 }
 
 void EdgePairRecognition::Learn(const std::vector<DotRegion>& regions) {

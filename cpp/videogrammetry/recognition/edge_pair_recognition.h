@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <optional>
 #include <vector>
 
@@ -23,6 +24,15 @@ struct ExpectedDot {
 
   /// Whether it may be the same dot: axes change by a quarter at most.
   bool IsLike(const Ellipse& other) const;
+};
+
+/// What breaks the chords of dots at the search's threshold: nothing, noise that grows with
+/// the grey value, or texture.
+enum class DotInside { kEven, kNoisy, kTextured };
+
+struct InsideOfDots {
+  DotInside kind = DotInside::kEven;
+  double step = 0.0;  ///< four deviations of a difference of grey values inside
 };
 
 /// Makes targets of the areas of one picture that may be dots.
@@ -54,8 +64,10 @@ class EdgePairRecognition {
 
   /// The picture's model; nullopt if it had no dots.
   const std::optional<PictureModel>& picture() const { return picture_; }
-  /// Standard deviation of the grey values inside the dots that were learned from.
-  double texture() const { return texture_; }
+  /// What the dots that were learned from look like inside.
+  DotInside inside() const { return inside_.kind; }
+  /// Four deviations of a difference of their grey values inside.
+  int inside_threshold() const { return static_cast<int>(std::ceil(inside_.step)); }
 
   /// Measures dots where they are expected, without a search, by the same look, start and
   /// fit; SetPicture comes before, Measure after it for all others.
@@ -106,7 +118,7 @@ class EdgePairRecognition {
   GreySampler sampler_;
   DotFitter fitter_;
   std::optional<PictureModel> picture_;
-  double texture_ = 0.0;
+  InsideOfDots inside_;
   std::vector<Start> unclear_;
   std::vector<Target> targets_;
   PlaceIndex places_;  ///< of the targets

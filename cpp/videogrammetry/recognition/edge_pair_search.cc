@@ -11,7 +11,6 @@
 #include "videogrammetry/recognition/edge_pair_chords.h"
 #include "videogrammetry/recognition/edge_pair_samples.h"
 #include "videogrammetry/recognition/edge_pair_star.h"
-#include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/place_index.h"
 
 namespace videogrammetry {
@@ -64,7 +63,8 @@ struct Chord {
 template <Storage kStorage>
 class EdgePairSearch {
  public:
-  EdgePairSearch(const SampleRows& rows, int threshold, const std::array<double, 2>& diameter_px)
+  EdgePairSearch(const SampleRows& rows, const EdgeThreshold& threshold,
+                 const std::array<double, 2>& diameter_px)
       : rows_(rows),
         samples_(rows),
         threshold_(threshold),
@@ -94,8 +94,7 @@ class EdgePairSearch {
     for (int y = RowAt(row); y <= window.bottom; y = RowAt(++row)) {
       ScannedRow& now = Scanned(row);
       Prefetch(first + RowAt(row + kRowsAhead) * rows_.stride_bytes, RowAt(row + kRowsAhead));
-      const int found = rows_.kernels->edges(first + y * rows_.stride_bytes, width_, threshold_,
-                                             now.up.data(), now.down.data(), which_.data());
+      const int found = FindEdges(first + y * rows_.stride_bytes, &now);
       now.pairs.Find(Rises(now), Falls(now), which_.data(), found, max_length_);
       if (row > first_row) TakeLongest(row - 1);
     }
@@ -116,6 +115,17 @@ class EdgePairSearch {
     const std::ptrdiff_t bytes = samples_.BytesTo(width_ & ~1);
     for (std::ptrdiff_t at = 0; at < bytes; at += 64) __builtin_prefetch(row + at);
 #endif
+  }
+
+  // @return how many words of the row have any.
+  int FindEdges(const std::uint8_t* row, ScannedRow* scanned) {
+    const edge_pair::Kernels& kernels = *rows_.kernels;
+    const EdgeThreshold& t = threshold_;
+    std::uint64_t *up = scanned->up.data(), *down = scanned->down.data();
+    const int found = kernels.edges(row, width_, t.least, up, down, which_.data());
+    if (!t.Grows()) return found;
+    return kernels.brighter(row, width_, t.least, {t.from_grey, t.per_grey, t.most}, up, down,
+                            which_.data(), found);
   }
 
   ScannedRow& Scanned(int row) { return scanned_[static_cast<std::size_t>(row + 3) % 3]; }
@@ -239,7 +249,9 @@ class EdgePairSearch {
     const int right = samples_(std::min(rows_.width - 1, fall + 1), y_);
     chord.outside = std::max(left, right);
     const int least = chord.inside - chord.outside, most = chord.inside - std::min(left, right);
-    if (least < threshold_ || 2 * least < most || b < chord.level()) return std::nullopt;
+    const int brighter = std::max(chord.inside ^ rows_.flip, chord.outside ^ rows_.flip);
+    if (least < threshold_.At(brighter) || 2 * least < most || b < chord.level())
+      return std::nullopt;
     return chord;
   }
 
@@ -275,7 +287,7 @@ class EdgePairSearch {
 
   const SampleRows& rows_;
   const Samples<kStorage> samples_;
-  const int threshold_;
+  const EdgeThreshold threshold_;
   const double min_diameter_, max_diameter_;
   const int max_length_;  ///< of a chord, from edge to edge
   const int row_step_;
@@ -304,7 +316,7 @@ class EdgePairSearch {
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      int gradient_threshold,
+                                      EdgeThreshold threshold,
                                       const std::vector<SearchWindow>& windows,
                                       InstructionSet set) {
   const SampleRows rows(frame, sign, set);
@@ -321,25 +333,23 @@ std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
   };
   switch (rows.storage) {
     case edge_pair::kBytes:
-      return search(EdgePairSearch<edge_pair::kBytes>(rows, gradient_threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kBytes>(rows, threshold, diameter_px));
     case edge_pair::kWords:
-      return search(EdgePairSearch<edge_pair::kWords>(rows, gradient_threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kWords>(rows, threshold, diameter_px));
     case edge_pair::kPackedHighFirst:
-      return search(
-          EdgePairSearch<edge_pair::kPackedHighFirst>(rows, gradient_threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kPackedHighFirst>(rows, threshold, diameter_px));
     default:
-      return search(
-          EdgePairSearch<edge_pair::kPackedLowFirst>(rows, gradient_threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kPackedLowFirst>(rows, threshold, diameter_px));
   }
 }
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      int gradient_threshold, InstructionSet set) {
+                                      EdgeThreshold threshold, InstructionSet set) {
   const int width = FrameWidth(frame), height = FrameHeight(frame);
   if (width < 3 || height < 3) return {};
   const std::vector<SearchWindow> whole = {{0, 0, width - 1, height - 1}};
-  return FindDotRegions(frame, sign, diameter_px, gradient_threshold, whole, set);
+  return FindDotRegions(frame, sign, diameter_px, threshold, whole, set);
 }
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,

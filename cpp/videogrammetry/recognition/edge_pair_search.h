@@ -5,6 +5,7 @@
 
 #include "videogrammetry/core/cpu.h"
 #include "videogrammetry/recognition/contour.h"
+#include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/grey_window.h"
 
 namespace videogrammetry {
@@ -46,12 +47,12 @@ struct DotRegion {
 /// @param sign  +1: dots are bright, -1: dark.
 /// @param diameter_px  smallest minor and largest major axis, full lengths;
 ///     3 <= min < max <= 2000 as in RecognitionOptions.
-/// @param gradient_threshold  GradientThreshold of SampleGreyStatistics.
+/// @param threshold  GradientThreshold of SampleGreyStatistics, or ThresholdByNoise.
 /// @return in the order of the rows, then of the columns, of their first chord; empty for
 ///     a picture narrower or lower than 3 pixels.
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      int gradient_threshold,
+                                      EdgeThreshold threshold,
                                       InstructionSet set = DetectInstructionSet());
 
 /// A part of a picture: the pixels left ... right, top ... bottom, inclusive.
@@ -63,7 +64,7 @@ struct SearchWindow {
 /// the whole picture's search looks at. Where windows overlap, an area may come twice.
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
-                                      int gradient_threshold,
+                                      EdgeThreshold threshold,
                                       const std::vector<SearchWindow>& windows,
                                       InstructionSet set = DetectInstructionSet());
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <numbers>
+#include <initializer_list>
 #include <type_traits>
 
 #include "videogrammetry/recognition/candidate_search.h"
@@ -64,15 +64,12 @@ std::vector<Target> RecognizeByLocalCanny(const ImageView<T>& image,
 /// The second search's threshold over the first one's, and the third's over the second's. On
 /// fewer rows, for larger dots alone, they lost some whose few chords were broken all the same.
 constexpr int kHigherThreshold = 3;
-/// Four deviations of a difference of the grey values inside dots over the threshold, from
-/// which on more of their chords are broken than whole.
-constexpr double kTextured = 1.4;
-
 /// Adds areas that a search at higher thresholds finds: a chord ends at the nearest edge
-/// beyond the threshold, so texture, compression or a gleam inside a dot of high contrast
-/// breaks its chords where the threshold follows faint edges.
-void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
-                      const std::vector<SearchWindow>& windows, std::vector<DotRegion>* areas) {
+/// beyond the threshold, so noise, texture, compression or a gleam inside a dot of high
+/// contrast breaks its chords where the threshold follows faint edges.
+void AddAreas(const FrameView& frame, const RecognitionOptions& options,
+              std::initializer_list<int> thresholds, const std::vector<SearchWindow>& windows,
+              std::vector<DotRegion>* areas) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
   PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
   const auto enter = [&](std::size_t i) {
@@ -80,8 +77,7 @@ void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options,
     index.Insert(m.mean_x, m.mean_y, static_cast<int>(i));
   };
   for (std::size_t i = 0; i < areas->size(); ++i) enter(i);
-  // Each finds some that the others do not: where its threshold meets the texture's steps.
-  for (const int higher : {threshold, kHigherThreshold * threshold}) {
+  for (const int higher : thresholds) {
     for (const DotRegion& area :
          FindDotRegions(frame, sign, options.diameter_px, higher, windows)) {
       const ContourMoments& m = area.moments;
@@ -97,12 +93,26 @@ void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options,
   }
 }
 
+/// Each finds some that the others do not: where its threshold meets the texture's steps.
+void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
+                      const std::vector<SearchWindow>& windows, std::vector<DotRegion>* areas) {
+  AddAreas(frame, options, {threshold, kHigherThreshold * threshold}, windows, areas);
+}
+
+/// The search's threshold by a camera's model. (What hides in its noise where dots are
+/// textured is no noise.)
+EdgeThreshold ThresholdOf(const CameraModel& camera, int sign) {
+  if (camera.second_threshold != 0) return camera.gradient_threshold;
+  return ThresholdByNoise(camera.gradient_threshold, camera.picture.noise, sign);
+}
+
 /// The areas that may be dots, by a camera's model.
 std::vector<DotRegion> FindAreas(const FrameView& frame, const RecognitionOptions& options,
                                  const CameraModel& camera,
                                  const std::vector<SearchWindow>& windows) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
-  auto areas = FindDotRegions(frame, sign, options.diameter_px, camera.gradient_threshold, windows);
+  const EdgeThreshold threshold = ThresholdOf(camera, sign);
+  auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
   if (camera.second_threshold != 0) {
     AddTexturedAreas(frame, options, camera.second_threshold, windows, &areas);
   }
@@ -119,19 +129,24 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
   const int threshold =
       camera ? camera->gradient_threshold : GradientThreshold(SampleGreyStatistics(frame));
-  auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
   EdgePairRecognition recognition(frame, options, family, threshold);
-  int second = camera ? camera->second_threshold : 0;
+  std::vector<DotRegion> areas;
+  int second = 0;
   if (camera) {
+    second = camera->second_threshold;
     recognition.SetPicture(camera->picture);
+    areas = FindAreas(frame, options, *camera, windows);
   } else {
+    areas = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
     recognition.Learn(areas);
-    const double step = 4.0 * std::numbers::sqrt2 * recognition.texture();
-    const bool textured = !recognition.picture() || step > kTextured * threshold;
-    if (textured) second = kHigherThreshold * threshold;
+    if (!recognition.picture() || recognition.inside() == DotInside::kTextured) {
+      second = kHigherThreshold * threshold;
+      AddTexturedAreas(frame, options, second, windows, &areas);
+    } else if (recognition.inside() == DotInside::kNoisy) {
+      AddAreas(frame, options, {recognition.inside_threshold()}, windows, &areas);
+    }
+    if (!recognition.picture()) recognition.Learn(areas);
   }
-  if (second != 0) AddTexturedAreas(frame, options, second, windows, &areas);
-  if (!recognition.picture()) recognition.Learn(areas);
   std::vector<Target> targets = recognition.Measure(areas);
   SelectByRings(family, frame, &targets);
   if (learned && recognition.picture()) {

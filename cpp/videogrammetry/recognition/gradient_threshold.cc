@@ -91,6 +91,25 @@ int GradientThreshold(const GreyStatistics& statistics) {
   return std::max(3, static_cast<int>(std::lround(std::clamp(noise, 0.02 * range, 0.2 * range))));
 }
 
+int EdgeThreshold::At(int grey) const {
+  const std::int64_t over = std::max(0, grey - from_grey);
+  return least + static_cast<int>(std::min<std::int64_t>(most, over * per_grey >> 16));
+}
+
+EdgeThreshold ThresholdByNoise(int least, const GreyNoise& noise, int sign) {
+  EdgeThreshold threshold = least;
+  const double per_grey = sign * noise.per_grey, square = static_cast<double>(least) * least / 32.0;
+  if (!(per_grey > 0.0)) return threshold;
+  // Var(from) = T^2 / 32, and 4 T^2 / 32 where the line has 2 T.
+  const double from = std::ceil((square - noise.at_zero) / per_grey);
+  if (from >= 65535.0) return threshold;
+  threshold.from_grey = static_cast<int>(std::max(0.0, from));
+  const double slope = 65536.0 * least * per_grey / (3.0 * square);
+  threshold.per_grey = static_cast<int>(std::clamp(slope, 0.0, 65535.0));
+  threshold.most = std::min(65535, 2 * least);
+  return threshold;
+}
+
 template GreyStatistics MeasureGreyStatistics(const ImageView<std::uint8_t>&);
 template GreyStatistics MeasureGreyStatistics(const ImageView<std::uint16_t>&);
 

@@ -113,6 +113,30 @@ TEST(EdgePairRecognitionTest, FindsDotsWithTexture) {
   EXPECT_LT(LargestError(dots, targets), 0.025);
 }
 
+// Noise whose variance is proportional to the grey value is light's own; what only the dots
+// have is texture, whose second search a camera's model keeps.
+TEST(EdgePairRecognitionTest, NoiseThatGrowsWithTheLightIsNoTexture) {
+  const auto dots = Grid(14.0, 60.0);
+  const auto dot = Coverage(dots);
+  RecognitionOptions options;
+  options.method = kEdgePair;
+  options.codes = "none";
+  for (const bool textured : {false, true}) {
+    const auto picture = Paint([&](std::size_t i, int x, int y) {
+      const double grey = 300.0 + 2700.0 * dot[i];
+      const double variance = textured ? 100.0 + 9900.0 * dot[i] : grey;
+      return grey + std::sqrt(variance) * Noise(x, y, 5);
+    });
+    const Recognizer recognizer(options, CodeFamily{});
+    const auto camera = recognizer.Learn(picture.view());
+    ASSERT_TRUE(camera.has_value());
+    EXPECT_EQ(camera->second_threshold != 0, textured);
+    const FrameView frame = picture.view();
+    EXPECT_EQ(recognizer.RecognizeFrames({frame}, 1, &*camera)[0].size(), dots.size());
+    EXPECT_EQ(recognizer.RecognizeFrames({frame}, 1)[0].size(), dots.size());
+  }
+}
+
 TEST(EdgePairRecognitionTest, LightThatIsAddedMovesNoDot) {
   const auto dots = Grid(12.0, 60.0);
   const auto dot = Coverage(dots);

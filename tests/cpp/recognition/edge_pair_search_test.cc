@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "synthetic_picture.h"
+#include "videogrammetry/recognition/edge_pair_samples.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/recognize.h"
 
@@ -94,9 +95,20 @@ void ExpectSameEverywhere(const std::vector<std::uint16_t>& values, int width, i
   for (const int sign : {1, -1}) {
     const auto expected =
         Numbers(FindDotRegions(storages.views()[0], sign, kDiameters, InstructionSet::kBaseline));
+    // Grows from the middle of the dots' edges on, to its most at some of them.
+    EdgeThreshold growing = 6;
+    growing.from_grey = 90;
+    growing.per_grey = 9000;
+    growing.most = 17;
+    const auto grown = Numbers(
+        FindDotRegions(storages.views()[0], sign, kDiameters, growing, InstructionSet::kBaseline));
     for (std::size_t i = 0; i < storages.views().size(); ++i) {
       for (const InstructionSet set : kSets) {
         if (set > DetectInstructionSet()) continue;
+        EXPECT_EQ(Numbers(FindDotRegions(storages.views()[i], sign, kDiameters, growing, set)),
+                  grown)
+            << what << ", growing, width " << width << ", " << storages.name(i) << " bit, sign "
+            << sign << ", " << InstructionSetName(set);
         EXPECT_EQ(Numbers(FindDotRegions(storages.views()[i], sign, kDiameters, set)), expected)
             << what << ", width " << width << ", " << storages.name(i) << " bit, sign " << sign
             << ", " << InstructionSetName(set);
@@ -139,6 +151,53 @@ TEST(EdgePairSearchTest, EveryStorageAndSetGivesTheSameRegionsOfNoise) {
       }
     }
   }
+}
+
+TEST(EdgePairSearchTest, TheKernelsOfAGrowingThresholdAreItsDefinition) {
+  const EdgeThreshold growing = ThresholdByNoise(12, {2.0, 0.11, 0.1}, 1);
+  const edge_pair::Growth growth = {growing.from_grey, growing.per_grey, growing.most};
+  for (const int width : {3, 30, 65, 66, 67, 130, 194, 200}) {
+    std::mt19937 random(static_cast<unsigned>(width));
+    std::uniform_int_distribution<int> grey(0, 255);
+    std::vector<std::uint16_t> values(static_cast<std::size_t>(width));
+    for (auto& v : values) v = static_cast<std::uint16_t>(grey(random) * grey(random) / 255);
+    const Storages storages(values, width, 1);
+    for (std::size_t s = 0; s < storages.views().size(); ++s) {
+      for (const InstructionSet set : kSets) {
+        if (set > DetectInstructionSet()) continue;
+        const edge_pair::SampleRows rows(storages.views()[s], 1, set);
+        const auto words = static_cast<std::size_t>(width + 61) / 64;
+        std::vector<std::uint64_t> up(words), down(words);
+        std::vector<int> which(words + 1);
+        const int any = rows.kernels->edges(rows.row(0), width, growing.least, up.data(),
+                                            down.data(), which.data());
+        rows.kernels->brighter(rows.row(0), width, growing.least, growth, up.data(), down.data(),
+                               which.data(), any);
+        for (std::size_t i = 0; i + 2 < values.size(); ++i) {
+          const int a = values[i], b = values[i + 2];
+          EXPECT_EQ(up[i / 64] >> (i % 64) & 1, b - a > growing.At(b) ? 1u : 0u);
+          EXPECT_EQ(down[i / 64] >> (i % 64) & 1, a - b > growing.At(a) ? 1u : 0u)
+              << storages.name(s) << " bit, width " << width << ", " << InstructionSetName(set);
+        }
+      }
+    }
+  }
+}
+
+TEST(EdgePairSearchTest, TheThresholdFollowsTheNoise) {
+  const GreyNoise noise = {0.3, 0.0226, 0.1};
+  const EdgeThreshold threshold = ThresholdByNoise(6, noise, 1);
+  EXPECT_EQ(threshold.At(0), 6);
+  for (int grey = 0; grey < 256; ++grey) {
+    const double four = 4.0 * std::sqrt(2.0 * noise.Variance(grey));
+    // The line lies 5 % below the root in the middle, and steps are whole.
+    EXPECT_GT(threshold.At(grey), std::min(0.94 * four, 18.0) - 1.0) << grey;
+    EXPECT_LT(threshold.At(grey), std::max(6.0, 1.1 * four) + 1.0) << grey;
+  }
+  EXPECT_EQ(threshold.At(65535), 18);
+  // Of dark dots the values are negative, and the noise's slope is.
+  EXPECT_EQ(ThresholdByNoise(6, {0.3, -0.0226, 0.1}, -1).At(173), threshold.At(173));
+  EXPECT_FALSE(ThresholdByNoise(6, {0.3, -0.0226, 0.1}, 1).Grows());
 }
 
 /// The region whose centre is within a pixel of (x, y).

@@ -12,24 +12,17 @@ constexpr int kMaxIterations = 20;
 // Rays within a microradian of parallel determine no depth at any range used.
 constexpr double kMinConvergenceRad = 1e-6;
 
-struct WorldRay {
-  Eigen::Vector3d origin_mm;
-  Eigen::Vector3d direction;  // unit
-};
-
-bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, std::vector<WorldRay>* rays) {
+bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, std::vector<Ray>* rays) {
   rays->clear();
   for (const Sighting& s : sightings) {
-    const OrientedCamera& oriented = rig[static_cast<std::size_t>(s.camera)];
-    const auto ray = RayThroughPixel(oriented.camera, s.pixel);
+    const auto ray = RayFromPixel(rig[static_cast<std::size_t>(s.camera)], s.pixel);
     if (!ray) return false;
-    rays->push_back({oriented.center_in_world(),
-                     (oriented.cam_from_world.rotation.transpose() * *ray).normalized()});
+    rays->push_back(*ray);
   }
   return true;
 }
 
-double LargestAngle(const std::vector<WorldRay>& rays) {
+double LargestAngle(const std::vector<Ray>& rays) {
   double largest = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
     for (std::size_t j = i + 1; j < rays.size(); ++j) {
@@ -40,10 +33,10 @@ double LargestAngle(const std::vector<WorldRay>& rays) {
   return largest;
 }
 
-Eigen::Vector3d NearestPoint(const std::vector<WorldRay>& rays) {
+Eigen::Vector3d NearestPoint(const std::vector<Ray>& rays) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
-  for (const WorldRay& ray : rays) {
+  for (const Ray& ray : rays) {
     const Eigen::Matrix3d across =
         Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
     normal += across;
@@ -82,13 +75,13 @@ bool Linearise(const Rig& rig, std::span<const Sighting> sightings,
 IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings,
                              Intersection* result) {
   if (sightings.size() < 2) return IntersectionStatus::kTooFewRays;
-  std::vector<WorldRay> rays;
+  std::vector<Ray> rays;
   if (!MakeRays(rig, sightings, &rays)) return IntersectionStatus::kNotConverged;
   const double convergence = LargestAngle(rays);
   if (!(convergence > kMinConvergenceRad)) return IntersectionStatus::kParallelRays;
 
   Eigen::Vector3d position = NearestPoint(rays);
-  for (const WorldRay& ray : rays) {
+  for (const Ray& ray : rays) {
     if (!(ray.direction.dot(position - ray.origin_mm) > 0)) {
       return IntersectionStatus::kBehindCamera;
     }

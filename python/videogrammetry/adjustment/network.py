@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,8 +14,8 @@ from videogrammetry._core import TaskError as _TaskError
 from videogrammetry._core import adjustment as _adjustment
 from videogrammetry.adjustment.start import rows
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import camera_model
-from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, RigCamera
+from videogrammetry.geometry import camera_model, interface_model
+from videogrammetry.types import INTERIOR_NAMES, FlatInterface, FloatArray, IntArray, RigCamera
 
 POINT_KINDS = ("fixed", "weighted", "free")
 DATUMS = ("fixed", "weighted", "free")
@@ -24,6 +24,11 @@ DATUMS = ("fixed", "weighted", "free")
 #: height over width less 1, and the moment of exposure as a part of the interval
 #: between pictures.
 CAMERA_UNKNOWNS = (*INTERIOR_NAMES, "aspect", "time_offset")
+
+
+#: What can be estimated of a window: tangents of the angles by which its normal turns
+#: along two directions of the window (``Network.interface_tangents``), and its distance, mm.
+INTERFACE_UNKNOWNS = ("tilt_1", "tilt_2", "distance")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,18 +152,20 @@ class Adjustment:
 class Dispersion:
     """Covariance of the unknowns, a priori (times sigma0^2: a posteriori).
 
-    The unknowns are the cameras', the poses' and the points', in this order.
+    The unknowns are the cameras', the poses', the windows' and the points', in this order.
 
     Attributes
     ----------
     camera_index : per camera, twelve places (``CAMERA_UNKNOWNS``) or -1.
     pose_index : per pose, its first place (rx, ry, rz, tx, ty, tz) or -1.
+    interface_index : per window, three places (``INTERFACE_UNKNOWNS``) or -1.
     point_index : per point, its first place (x, y, z) or -1.
     unknown_names : "left A1", "stage 3 rx", "point 7 x", ...
     """
 
     camera_index: IntArray
     pose_index: IntArray
+    interface_index: IntArray
     point_index: IntArray
     unknown_names: tuple[str, ...]
     handle: Any = field(repr=False)
@@ -170,7 +177,7 @@ class Dispersion:
 
     @cached_property
     def cov(self) -> FloatArray:
-        """(U, U) of the cameras' and poses' unknowns, which come first."""
+        """(U, U) of the cameras', poses' and windows' unknowns, which come first."""
         return np.asarray(self.handle.cov_orientation())
 
     @cached_property
@@ -237,6 +244,7 @@ class Network:
     def __init__(self) -> None:
         self._network = _adjustment.Network()
         self._names: list[str] = []
+        self._interfaces: list[FlatInterface] = []
 
     def add_camera(
         self,
@@ -249,6 +257,7 @@ class Network:
         floor_px: float = 0.0,
         aspect: float = 0.0,
         time_offset: float = 0.0,
+        interface: int | None = None,
     ) -> int:
         """Add a camera.
 
@@ -261,6 +270,7 @@ class Network:
             (1 + aspect) enters the distortion.
         time_offset : part of the interval between pictures by which this camera is late:
             measured = predicted + time_offset * velocity_px of the observation.
+        interface : the window that it looks through (:meth:`add_interface`); None: none.
 
         Raises
         ------
@@ -279,7 +289,63 @@ class Network:
         index: int = self._network.add_camera(
             name, camera_model(camera), _mask(free), held, prior, floor_px, aspect, time_offset
         )
+        if interface is not None:
+            self._network.set_interface(index, interface)
         return index
+
+    def add_interface(
+        self,
+        interface: FlatInterface,
+        *,
+        free: Sequence[str] = (),
+        prior_sigma: Mapping[str, float] | None = None,
+    ) -> int:
+        """Add a window between air and a fluid; cameras name it by the index returned.
+
+        It stands in the frame that outer poses lead from (the rig's); for images
+        without one, in the object's. Its indices and glass are held. Circles behind a
+        window count as points, and a free network (``set_datum("free")``) has none.
+
+        Parameters
+        ----------
+        interface : start values.
+        free, prior_sigma : names of ``INTERFACE_UNKNOWNS``, "normal" for both tilts; what is
+            estimated, and with which standard deviation (rad, mm) its start value is observed.
+
+        Raises
+        ------
+        ValueError : another name, or an interface that is none.
+        """
+        wanted = _interface_names("free", free)
+        prior = np.zeros(len(INTERFACE_UNKNOWNS))
+        for key, sigma in (prior_sigma or {}).items():
+            for name in _interface_names("prior_sigma", (key,)):
+                prior[INTERFACE_UNKNOWNS.index(name)] = sigma
+        self._interfaces.append(interface)
+        index: int = self._network.add_interface(
+            interface.name,
+            interface_model(interface),
+            [name in wanted for name in INTERFACE_UNKNOWNS],
+            prior,
+        )
+        return index
+
+    def interface(self, interface: int) -> FlatInterface:
+        """A window as it stands."""
+        now = self._network.interface(interface)
+        return replace(
+            self._interfaces[interface],
+            normal=np.array(now.normal),
+            distance_mm=float(now.distance_mm),
+        )
+
+    def interface_unknowns(self, interface: int) -> FloatArray:
+        """(3,) the values of ``INTERFACE_UNKNOWNS``: tilts from the start normal, distance."""
+        return np.array(self._network.interface_values(interface))
+
+    def interface_tangents(self, interface: int) -> FloatArray:
+        """(2, 3) the directions along which tilt_1 and tilt_2 turn the start normal."""
+        return np.array(self._network.interface_tangents(interface)).T
 
     def add_pose(
         self,
@@ -557,6 +623,9 @@ class Network:
         return Dispersion(
             camera_index=np.array(handle.camera_index, np.int32).reshape(-1, len(CAMERA_UNKNOWNS)),
             pose_index=np.array(handle.pose_index, np.int32),
+            interface_index=np.array(handle.interface_index, np.int32).reshape(
+                -1, len(INTERFACE_UNKNOWNS)
+            ),
             point_index=np.array(handle.point_index, np.int32),
             unknown_names=tuple(handle.names(self._network)),
             handle=handle,
@@ -565,6 +634,18 @@ class Network:
 
 def _mask(names: Sequence[str]) -> list[bool]:
     return [name in names for name in CAMERA_UNKNOWNS]
+
+
+def _interface_names(argument: str, names: Iterable[str]) -> list[str]:
+    wanted: list[str] = []
+    for name in names:
+        if name not in (*INTERFACE_UNKNOWNS, "normal"):
+            raise ValueError(
+                f"{argument}: expected names of {', '.join(INTERFACE_UNKNOWNS)} or normal, "
+                f"got {name!r}"
+            )
+        wanted += INTERFACE_UNKNOWNS[:2] if name == "normal" else [name]
+    return wanted
 
 
 def _check_names(argument: str, names: Iterable[str]) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.adjustment import Adjustment, Network
+from videogrammetry.calibration.interfaces import add_interfaces
 from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
-from videogrammetry.calibration.run import CameraFrames, Rejection
+from videogrammetry.calibration.run import CalibrationInterface, CameraFrames, Rejection
 from videogrammetry.calibration.start import CameraStart
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet
 
@@ -33,7 +34,8 @@ class Bundle:
     network pose of each camera in the rig (none where every picture has a pose
     of its own); ``pictures``: one a network image; ``stage_pose``: the network
     pose of a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles
-    that the network knows, NaN for points that are none.
+    that the network knows, NaN for points that are none; ``windows``: name -> the network's
+    window; ``camera_windows``: the one of each camera, None: none.
     """
 
     network: Network
@@ -43,6 +45,8 @@ class Bundle:
     stage_pose: dict[int, int] = field(default_factory=dict)
     circle_normal: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    windows: dict[str, int] = field(default_factory=dict)
+    camera_windows: list[int | None] = field(default_factory=list)
 
     def set_circles(self, normal: FloatArray, diameter_mm: FloatArray) -> None:
         """Have the network model the ellipses of these circles."""
@@ -62,6 +66,10 @@ class Bundle:
             usable = np.isfinite(normal).all(axis=1)
             diameter[usable] = target.diameter_mm[usable]
         self.set_circles(normal, diameter)
+
+    def window_of(self, camera: int) -> int | None:
+        """The network's window that a camera looks through; None: none."""
+        return self.camera_windows[camera]
 
     def network_camera(self, image: int) -> int:
         """The network's camera of a picture."""
@@ -106,20 +114,37 @@ def joint_bundle(
     target: PointSet,
     target_cov: FloatArray,
     eccentricity: bool = True,
+    interfaces: Sequence[CalibrationInterface] = (),
 ) -> Bundle:
-    """One pose a stage, one constant relative pose a camera, target coordinates observed."""
+    """One pose a stage, one constant relative pose a camera, target coordinates observed.
+
+    The rig's frame is the first camera's; the target's where windows are stated in that.
+    """
     network = Network()
     bundle = Bundle(network=network, camera_of=list(range(len(cameras))), outer=[])
+    bundle.windows = add_interfaces(network, interfaces)
+    of_target = any(i.frame == "target" for i in interfaces)
     for index, (camera, start) in enumerate(zip(cameras, starts, strict=True)):
-        network.add_camera(camera.name, start.model, free=offered_names(camera), start=start.held)
+        window = None if camera.interface is None else bundle.windows[camera.interface]
+        bundle.camera_windows.append(window)
+        network.add_camera(
+            camera.name,
+            start.model,
+            free=offered_names(camera),
+            start=start.held,
+            interface=window,
+        )
         # The reference's pose is the frame itself.
-        bundle.outer.append(network.add_pose(camera.name, *cam_from_rig[index], free=index > 0))
+        bundle.outer.append(
+            network.add_pose(camera.name, *cam_from_rig[index], free=index > 0 or of_target)
+        )
     for stage, pose in sorted(rig_from_target.items()):
-        bundle.stage_pose[stage] = network.add_pose(f"stage {stage}", *pose)
+        bundle.stage_pose[stage] = network.add_pose(f"stage {stage}", *pose, free=not of_target)
     for picture in pictures:
         if picture.stage not in starts[picture.camera].poses:
             continue
-        outer = bundle.outer[picture.camera] if picture.camera > 0 else -1
+        # A window stands in the frame that outer poses lead from: none may be missing.
+        outer = bundle.outer[picture.camera] if picture.camera > 0 or interfaces else -1
         network.add_image(
             picture.image, picture.camera, outer=outer, inner=bundle.stage_pose[picture.stage]
         )

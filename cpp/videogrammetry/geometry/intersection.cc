@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace videogrammetry {
 namespace {
@@ -12,10 +13,21 @@ constexpr int kMaxIterations = 20;
 // Rays within a microradian of parallel determine no depth at any range used.
 constexpr double kMinConvergenceRad = 1e-6;
 
-bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, std::vector<Ray>* rays) {
+bool HasWindow(const Rig& rig, std::span<const Sighting> sightings) {
+  return std::any_of(sightings.begin(), sightings.end(), [&](const Sighting& s) {
+    return rig[static_cast<std::size_t>(s.camera)].interface.has_value();
+  });
+}
+
+/// The rays as they are behind the cameras' windows, or in front of them.
+bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, bool behind_windows,
+              std::vector<Ray>* rays) {
   rays->clear();
   for (const Sighting& s : sightings) {
-    const auto ray = RayFromPixel(rig[static_cast<std::size_t>(s.camera)], s.pixel);
+    const OrientedCamera& oriented = rig[static_cast<std::size_t>(s.camera)];
+    const auto ray = behind_windows
+                         ? RayFromPixel(oriented, s.pixel)
+                         : RayFromPixel({oriented.camera, oriented.cam_from_world}, s.pixel);
     if (!ray) return false;
     rays->push_back(*ray);
   }
@@ -43,6 +55,15 @@ Eigen::Vector3d NearestPoint(const std::vector<Ray>& rays) {
     right += across * ray.origin_mm;
   }
   return normal.ldlt().solve(right);
+}
+
+/// The point nearest to the rays, before all of their origins.
+std::optional<Eigen::Vector3d> Start(const std::vector<Ray>& rays) {
+  const Eigen::Vector3d position = NearestPoint(rays);
+  for (const Ray& ray : rays) {
+    if (!(ray.direction.dot(position - ray.origin_mm) > 0)) return std::nullopt;
+  }
+  return position;
 }
 
 struct Linearised {
@@ -76,16 +97,16 @@ IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings
                              Intersection* result) {
   if (sightings.size() < 2) return IntersectionStatus::kTooFewRays;
   std::vector<Ray> rays;
-  if (!MakeRays(rig, sightings, &rays)) return IntersectionStatus::kNotConverged;
+  if (!MakeRays(rig, sightings, true, &rays)) return IntersectionStatus::kNotConverged;
   const double convergence = LargestAngle(rays);
   if (!(convergence > kMinConvergenceRad)) return IntersectionStatus::kParallelRays;
 
-  Eigen::Vector3d position = NearestPoint(rays);
-  for (const Ray& ray : rays) {
-    if (!(ray.direction.dot(position - ray.origin_mm) > 0)) {
-      return IntersectionStatus::kBehindCamera;
-    }
+  std::optional<Eigen::Vector3d> start = Start(rays);
+  if (!start && HasWindow(rig, sightings) && MakeRays(rig, sightings, false, &rays)) {
+    start = Start(rays);  // the point is on the cameras' side of the window
   }
+  if (!start) return IntersectionStatus::kBehindCamera;
+  Eigen::Vector3d position = *start;
   std::vector<Eigen::Matrix2d> weights;
   for (const Sighting& s : sightings) weights.push_back(s.cov_px2.inverse());
 

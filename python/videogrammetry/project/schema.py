@@ -244,8 +244,6 @@ def _interfaces(table: TomlTable) -> dict[str, InterfaceSection]:
 def _interface(table: TomlTable, name: str) -> InterfaceSection:
     normal = table.vector("normal", 3, what="[x, y, z], pointing to the cameras")
     length = math.sqrt(sum(v * v for v in normal))
-    if not length > 0:
-        raise table.error("normal", "is zero: expected a direction that points to the cameras")
     glass = table.numbers("glass", 2, None, what="[index, thickness_mm]")
     section = InterfaceSection(
         name=name,

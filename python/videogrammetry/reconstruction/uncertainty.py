@@ -11,7 +11,7 @@ import numpy.typing as npt
 from videogrammetry.geometry import (
     CAMERA_PARAMETERS,
     full_covariance,
-    project_with_jacobians,
+    project_from_world_with_jacobians,
 )
 from videogrammetry.reconstruction.triangulate import Triangulator
 from videogrammetry.types import FloatArray, IntArray, RigCamera, RigData

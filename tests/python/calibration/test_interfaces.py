@@ -12,7 +12,6 @@ from tanks import SIZE, WINDOW, block_points, pictures, tank_cameras
 from videogrammetry.calibration import (
     CalibrationInterface,
     CalibrationOptions,
-    CalibrationRun,
     CameraFrames,
     FrameTargets,
     calibrate,
@@ -134,16 +133,13 @@ def test_refraction_is_what_brings_the_accuracy() -> None:
         [replace(f, interface=None) for f in frames], target, CalibrationOptions(sigma_mm=SIGMA_MM)
     )
     assert run.rms_px < 1.2 * SIGMA_PX
-    assert run.rms_px < 0.5 * plain.rms_px or run.sigma0 < 0.5 * plain.sigma0 or _floor(plain) > 0.1
+    # No 2-D distortion stands for refraction at several depths.
+    assert plain.rms_px > 5 * run.rms_px
     rig = Rig.from_data(run.rig)
     position, cov = rig.triangulate(pictures(tank_cameras(), points), SIGMA_PX)
     sigma = np.sqrt(np.trace(cov, axis1=1, axis2=2).mean())
     assert np.sqrt(((position - points) ** 2).sum(axis=1).mean()) < 3 * sigma
     assert sigma < 0.05
-
-
-def _floor(run: CalibrationRun) -> float:
-    return max(run.rig.sigma_floor_px.values())
 
 
 def test_several_stages_with_the_window_in_the_first_cameras_frame() -> None:

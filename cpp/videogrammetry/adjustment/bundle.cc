@@ -102,10 +102,10 @@ class ImagePointCost : public ceres::CostFunction {
       surface = window.surface(&normal_by_tilt);
     }
     ImagePointJacobians j;
-    const auto pixel = PredictImagePoint(
-        camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]), mark,
-        {values[kAspect], values[kTimeOffset], velocity_px_}, jacobians != nullptr ? &j : nullptr,
-        window_ ? &surface : nullptr);
+    const auto pixel =
+        PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]), mark,
+                          {values[kAspect], values[kTimeOffset], velocity_px_},
+                          jacobians != nullptr ? &j : nullptr, window_ ? &surface : nullptr);
     if (!pixel) return false;
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
@@ -276,9 +276,9 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
       window = &network->interfaces[camera.interface];
       x.push_back(blocks->interface[camera.interface].data());
     }
-    problem->AddResidualBlock(new ImagePointCost(camera.camera, o, mark, network->TotalCov(o),
-                                                 image.outer >= 0, window),
-                              loss, x);
+    problem->AddResidualBlock(
+        new ImagePointCost(camera.camera, o, mark, network->TotalCov(o), image.outer >= 0, window),
+        loss, x);
   }
 }
 

@@ -38,8 +38,7 @@ std::optional<Eigen::Vector2d> RefractedPicture(const Camera& camera, const Rigi
       outer != nullptr ? Eigen::Vector3d(turned_inner + inner.translation_mm) : point_mm;
   const Eigen::Vector3d center = pose.Inverse().translation_mm;
   RefractionJacobians window;
-  const auto seen =
-      SeenThrough(interface, point, center, jacobians != nullptr ? &window : nullptr);
+  const auto seen = SeenThrough(interface, point, center, jacobians != nullptr ? &window : nullptr);
   if (!seen) return std::nullopt;
   const Eigen::Vector3d turned = pose.rotation * *seen;
   if (jacobians == nullptr) return Project(camera, turned + pose.translation_mm);

@@ -111,8 +111,7 @@ std::optional<Eigen::Vector3d> SeenThrough(const FlatInterface& interface,
     const Eigen::Matrix3d v_by_normal =
         -way.dot(n) * Eigen::Matrix3d::Identity() - n * way.transpose();
     jacobians->by_point = by_v * across - by_b * n.transpose();
-    jacobians->by_center =
-        Eigen::Matrix3d::Identity() - by_v * across + by_a * n.transpose();
+    jacobians->by_center = Eigen::Matrix3d::Identity() - by_v * across + by_a * n.transpose();
     jacobians->by_normal = by_v * v_by_normal + by_a * center_mm.transpose() -
                            by_b * point_mm.transpose() - a * Eigen::Matrix3d::Identity();
     jacobians->by_distance = by_b - by_a;
@@ -137,8 +136,7 @@ std::optional<Ray> RefractRay(const FlatInterface& interface, const Eigen::Vecto
   if (jacobians != nullptr) {
     const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - n * n.transpose();
     const Eigen::Matrix3d by_length = (Eigen::Matrix3d::Identity() - d * d.transpose()) / length;
-    const double reach_by_cosine =
-        -a / (cosine * cosine) - g * cosine / (glass * glass * glass);
+    const double reach_by_cosine = -a / (cosine * cosine) - g * cosine / (glass * glass * glass);
     jacobians->origin_by_direction =
         (reach_mm * across - reach_by_cosine * along * n.transpose()) * by_length;
     jacobians->direction_by_direction =

@@ -9,9 +9,9 @@ std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
   Eigen::Vector3d seen = point_in_world;
   RefractionJacobians window;
   if (oriented.interface) {
-    const auto through = SeenThrough(*oriented.interface, point_in_world,
-                                     oriented.center_in_world(),
-                                     jacobians != nullptr ? &window : nullptr);
+    const auto through =
+        SeenThrough(*oriented.interface, point_in_world, oriented.center_in_world(),
+                    jacobians != nullptr ? &window : nullptr);
     if (!through) return std::nullopt;
     seen = *through;
   }
@@ -45,8 +45,8 @@ std::optional<Ray> RayFromPixel(const OrientedCamera& oriented, const Eigen::Vec
                                 Eigen::Matrix<double, 3, 2>* direction_by_pixel,
                                 Eigen::Matrix<double, 3, 2>* origin_by_pixel) {
   Eigen::Matrix2d by_pixel;
-  const auto in_cam = RayThroughPixel(oriented.camera, pixel,
-                                      direction_by_pixel != nullptr ? &by_pixel : nullptr);
+  const auto in_cam =
+      RayThroughPixel(oriented.camera, pixel, direction_by_pixel != nullptr ? &by_pixel : nullptr);
   if (!in_cam) return std::nullopt;
   const Eigen::Matrix3d to_world = oriented.cam_from_world.rotation.transpose();
   const Eigen::Vector3d along = to_world * *in_cam;

@@ -82,12 +82,12 @@ std::pair<double, double> Miss(const WorldRays& a, std::size_t i, const Eigen::M
                                const WorldRays& b, std::size_t j, const Eigen::Matrix2d& cov_b) {
   const Eigen::Vector3d between = b.ray[j].origin_mm - a.ray[i].origin_mm;
   const Eigen::Vector3d across = a.ray[i].direction.cross(b.ray[j].direction);
-  const Eigen::Vector2d by_a = a.direction_by_pixel[i].transpose() *
-                                   b.ray[j].direction.cross(between) -
-                               a.origin_by_pixel[i].transpose() * across;
-  const Eigen::Vector2d by_b = b.direction_by_pixel[j].transpose() *
-                                   between.cross(a.ray[i].direction) +
-                               b.origin_by_pixel[j].transpose() * across;
+  const Eigen::Vector2d by_a =
+      a.direction_by_pixel[i].transpose() * b.ray[j].direction.cross(between) -
+      a.origin_by_pixel[i].transpose() * across;
+  const Eigen::Vector2d by_b =
+      b.direction_by_pixel[j].transpose() * between.cross(a.ray[i].direction) +
+      b.origin_by_pixel[j].transpose() * across;
   return {between.dot(across), by_a.dot(cov_a * by_a) + by_b.dot(cov_b * by_b)};
 }
 
@@ -130,8 +130,8 @@ class Finder {
         if (!IdsAgree(cameras_[a].id[i], cameras_[b].id[j])) continue;
         double distance = line_b.dot(normalised_[b].ray[j]), variance = 0.0;
         if (refracted) {
-          std::tie(distance, variance) = Miss(rays_[a], i, cameras_[a].cov_px2[i], rays_[b], j,
-                                              cameras_[b].cov_px2[j]);
+          std::tie(distance, variance) =
+              Miss(rays_[a], i, cameras_[a].cov_px2[i], rays_[b], j, cameras_[b].cov_px2[j]);
         } else {
           const Eigen::Vector2d by_b = line_b.head<2>();
           const Eigen::Vector2d by_a = (essential.transpose() * normalised_[b].ray[j]).head<2>();

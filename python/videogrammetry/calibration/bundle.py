@@ -69,7 +69,7 @@ class Bundle:
 
     def window_of(self, camera: int) -> int | None:
         """The network's window that a camera looks through; None: none."""
-        return self.camera_windows[camera]
+        return self.camera_windows[camera] if self.camera_windows else None
 
     def network_camera(self, image: int) -> int:
         """The network's camera of a picture."""

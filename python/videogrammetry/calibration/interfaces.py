@@ -17,7 +17,7 @@ from videogrammetry.calibration.run import (
 )
 from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import apparent_points, interface_model
-from videogrammetry.types import FlatInterface, FloatArray, PointSet
+from videogrammetry.types import FlatInterface, FloatArray, IntArray, PointSet
 
 
 def check_interfaces(cameras: Sequence[CameraFrames], options: CalibrationOptions) -> None:
@@ -109,15 +109,13 @@ def check_sides(
 def add_interfaces(network: Network, interfaces: Sequence[CalibrationInterface]) -> dict[str, int]:
     """The windows in the network, by name."""
     return {
-        i.interface.name: network.add_interface(
-            i.interface, free=i.free, prior_sigma=i.prior_sigma
-        )
+        i.interface.name: network.add_interface(i.interface, free=i.free, prior_sigma=i.prior_sigma)
         for i in interfaces
     }
 
 
 def adjusted_interfaces(
-    network: Network, windows: dict[str, int], index: FloatArray, cov: FloatArray, sigma0: float
+    network: Network, windows: dict[str, int], index: IntArray, cov: FloatArray, sigma0: float
 ) -> dict[str, FlatInterface]:
     """The windows as adjusted, with their standard deviations.
 
@@ -130,7 +128,7 @@ def adjusted_interfaces(
         sigma = {
             unknown: float(sigma0 * np.sqrt(cov[place, place]))
             for unknown, place in zip(
-                ("tilt_1", "tilt_2", "distance"), index[window].astype(int), strict=True
+                ("tilt_1", "tilt_2", "distance"), index[window].tolist(), strict=True
             )
             if place >= 0
         }

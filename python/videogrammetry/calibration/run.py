@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.types import INTERIOR_NAMES, FlatInterface, FloatArray, IntArray, PointSet, RigData
+from videogrammetry.types import (
+    INTERIOR_NAMES,
+    FlatInterface,
+    FloatArray,
+    IntArray,
+    PointSet,
+    RigData,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

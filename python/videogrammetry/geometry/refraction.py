@@ -117,5 +117,7 @@ def apparent_points(interface: FlatInterface, points_mm: npt.ArrayLike) -> Float
     depth = np.maximum(interface.distance_mm - points @ normal, 0.0)
     glass = np.minimum(depth, interface.glass_thickness_mm)
     fluid = depth - glass
-    nearer = glass * (1.0 - 1.0 / interface.glass_index) + fluid * (1.0 - 1.0 / interface.fluid_index)
+    nearer = glass * (1.0 - 1.0 / interface.glass_index) + fluid * (
+        1.0 - 1.0 / interface.fluid_index
+    )
     return np.asarray(points + nearer[:, None] * normal)

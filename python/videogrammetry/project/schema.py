@@ -204,15 +204,22 @@ def read_project(path: str | os.PathLike[str]) -> Project:
     _check_schema(root)
     folder = file.resolve().parent
     name = root.string("name", folder.name)
-    sections = ("cameras", "interfaces", "calibration", "targets", "sequence", "stability", "motion", "verify")
+    sections = (
+        "cameras",
+        "interfaces",
+        "calibration",
+        "targets",
+        "sequence",
+        "stability",
+        "motion",
+        "verify",
+    )
     tables = {section: root.table(section) for section in sections}
     root.finish()
     return Project(
         path=file.resolve(),
         name=name,
-        cameras=_cameras(
-            tables["cameras"], tables["calibration"], tables["interfaces"].names()
-        ),
+        cameras=_cameras(tables["cameras"], tables["calibration"], tables["interfaces"].names()),
         interfaces=_interfaces(tables["interfaces"]),
         calibration=_calibration(tables["calibration"], folder),
         targets=_targets(tables["targets"], folder),

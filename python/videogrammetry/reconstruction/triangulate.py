@@ -176,10 +176,7 @@ class Triangulator:
         if rig.cov is None or rig.volume_mm is None or rig.volume_seen is None:
             return np.empty((0, 0))
         pixels = np.stack(
-            [
-                project_from_world(c, rig.volume_mm)
-                for c in rig.cameras.values()
-            ],
+            [project_from_world(c, rig.volume_mm) for c in rig.cameras.values()],
             axis=1,
         )
         seen = rig.volume_seen & np.isfinite(pixels).all(axis=2)

@@ -147,8 +147,8 @@ TEST(Interface, CovarianceAgreesWithMonteCarlo) {
       const std::vector<int> unknowns(place.begin(), place.end());
       const Eigen::Matrix3d cov = dispersion.Covariance(unknowns, unknowns);
       const Eigen::Vector3d scale = cov.diagonal().cwiseSqrt().cwiseInverse();
-      const Eigen::Vector3d error = scale.cwiseProduct(network.interfaces[0].values() -
-                                                       truth.interfaces[0].values());
+      const Eigen::Vector3d error =
+          scale.cwiseProduct(network.interfaces[0].values() - truth.interfaces[0].values());
       const Eigen::Matrix3d correlation = scale.asDiagonal() * cov * scale.asDiagonal();
       sum += error.dot(correlation.llt().solve(error));
       if (prior_mm > 0) {

@@ -125,7 +125,7 @@ Eigen::VectorXd Numerical(const Change& change, double h) {
 TEST(Refraction, Derivatives) {
   for (unsigned seed = 1; seed <= 10; ++seed) {
     Case c = MakeCase(seed, seed % 2 == 0);
-    if (seed == 5) c.point = c.center - 1000.0 * c.interface.normal;         // perpendicular
+    if (seed == 5) c.point = c.center - 1000.0 * c.interface.normal;  // perpendicular
     if (seed == 6) c.point = 244.0 * c.interface.normal + Eigen::Vector3d(5, 0, 0);  // in the glass
     RefractionJacobians j;
     ASSERT_TRUE(SeenThrough(c.interface, c.point, c.center, &j));
@@ -140,16 +140,18 @@ TEST(Refraction, Derivatives) {
       const Eigen::Vector3d unit = Eigen::Vector3d::Unit(k);
       const double h = 0.2;
       EXPECT_LT((j.by_point.col(k) -
-                 Numerical(moved([&](Case* t, double s) { t->point += s * unit; }), h)).norm(),
-                1e-8) << seed;
+                 Numerical(moved([&](Case* t, double s) { t->point += s * unit; }), h))
+                    .norm(),
+                1e-8)
+          << seed;
       EXPECT_LT((j.by_center.col(k) -
-                 Numerical(moved([&](Case* t, double s) { t->center += s * unit; }), h)).norm(),
-                1e-8) << seed;
+                 Numerical(moved([&](Case* t, double s) { t->center += s * unit; }), h))
+                    .norm(),
+                1e-8)
+          << seed;
       const Eigen::Vector3d n = c.interface.normal;
       const Eigen::Vector3d tangent = n.cross(unit);
-      auto turn = [&](Case* t, double s) {
-        t->interface.normal = (n + s * tangent).normalized();
-      };
+      auto turn = [&](Case* t, double s) { t->interface.normal = (n + s * tangent).normalized(); };
       const Eigen::VectorXd turned = Numerical(moved(turn), 1e-4);
       EXPECT_LT((j.by_normal * tangent - turned).norm(), 1e-6 * turned.norm()) << seed;
     }
@@ -186,9 +188,8 @@ TEST(Refraction, DerivativesOfARay) {
 OrientedCamera CameraBefore(const Case& c) {
   OrientedCamera camera{{1000, 1000, {}, 300.0}, {}, c.interface};
   camera.camera.interior << 2000, 3, -4, 1e-8, 0, 0, 1e-7, 0, 0, 0;
-  const Eigen::Quaterniond look =
-      Eigen::Quaterniond::FromTwoVectors((c.point - c.center).normalized(),
-                                         Eigen::Vector3d(0.05, -0.03, 1).normalized());
+  const Eigen::Quaterniond look = Eigen::Quaterniond::FromTwoVectors(
+      (c.point - c.center).normalized(), Eigen::Vector3d(0.05, -0.03, 1).normalized());
   camera.cam_from_world.rotation = look.toRotationMatrix();
   camera.cam_from_world.translation_mm = -(camera.cam_from_world.rotation * c.center);
   return camera;
@@ -204,8 +205,8 @@ TEST(Refraction, DerivativesOfAPicture) {
       auto at = [&](double h) {
         OrientedCamera t = camera;
         if (k < 3) {
-          t.cam_from_world.rotation = RotationFromVector(h * Eigen::Vector3d::Unit(k)) *
-                                      camera.cam_from_world.rotation;
+          t.cam_from_world.rotation =
+              RotationFromVector(h * Eigen::Vector3d::Unit(k)) * camera.cam_from_world.rotation;
         } else {
           t.cam_from_world.translation_mm[k - 3] += h;
         }

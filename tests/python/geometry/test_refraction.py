@@ -84,7 +84,7 @@ def test_a_camera_behind_its_window_sees_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    "change, said",
+    ("change", "said"),
     [
         ({"normal": np.array([0.0, 0, 2])}, "unit length"),
         ({"fluid_index": 0.7}, "1 to 4"),

@@ -189,9 +189,7 @@ def through_a_window(rig: RigData) -> RigData:
         glass_thickness_mm=6.1,
         sigma={"tilt_1": 1e-4, "distance": 0.3},
     )
-    return replace(
-        rig, cameras={**rig.cameras, "2": replace(rig.cameras["2"], interface=window)}
-    )
+    return replace(rig, cameras={**rig.cameras, "2": replace(rig.cameras["2"], interface=window)})
 
 
 def test_windows_come_back_with_the_same_bits(tmp_path: Path) -> None:
@@ -201,7 +199,8 @@ def test_windows_come_back_with_the_same_bits(tmp_path: Path) -> None:
     back = read_rig(path)
     assert back.cameras["left"].interface is None
     window, other = rig.cameras["2"].interface, back.cameras["2"].interface
-    assert window is not None and other is not None
+    assert window is not None
+    assert other is not None
     np.testing.assert_array_equal(other.normal, window.normal)
     assert replace(other, normal=window.normal) == window
     # Without one, the file is as it was before there were any.
@@ -228,7 +227,7 @@ def _set(*keys: str, value: Any) -> Callable[[dict[str, Any]], None]:
 
 
 @pytest.mark.parametrize(
-    "change, said",
+    ("change", "said"),
     [
         (_set("interfaces", "front", "normal", value=[0, 0, 2]), "unit length"),
         (_set("interfaces", "front", "normal", value=[0, 1]), "3 finite numbers"),

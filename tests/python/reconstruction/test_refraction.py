@@ -25,7 +25,7 @@ def test_exact_pictures_give_the_points() -> None:
 
 
 def test_points_before_and_behind_the_window_alike() -> None:
-    above = POINTS + [0.0, 0.0, 200.0]  # all in air
+    above = POINTS + np.array([0.0, 0.0, 200.0])  # all in air
     position, _ = rig().triangulate(rig().project(above))
     np.testing.assert_allclose(position, above, atol=1e-8)
     straight = Rig.from_data(RigData(cameras=without_window(tank_cameras())))

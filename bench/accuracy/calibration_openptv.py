@@ -46,6 +46,8 @@ SIZE = (2560, 2160)  # not stated; the largest coordinates are 2318 and 2018
 OPENPTV_MM = {"all": 0.423, "interpolation": 0.383}
 # A coordinate rounded to whole pixels errs by 1 / sqrt(12).
 ROUNDED_PX = 12.0**-0.5
+# Good spheres have 0.03 to 0.3 px.
+WORST_SIGMA_PX = 0.3
 CHOICES = {
     "significant of ten": None,
     "f, x0, y0, A1": ("f", "x0", "y0", "A1"),
@@ -126,11 +128,15 @@ def read_orientation(path):
 
 
 def spheres(path):
-    """Centres and covariances of the block's bright spheres."""
+    """Centres and covariances of the block's bright spheres.
+
+    One that runs into its gleam on the glass is no ellipse, and its covariance says so.
+    """
     options = RecognitionOptions(codes="none", diameter_px=(4.0, 40.0))
     found = recognize(np.array(Image.open(path)), options)
     cov = np.stack([found.cov[:, 0, 0], found.cov[:, 0, 1], found.cov[:, 1, 1]], axis=1)
-    return found.centre_px, cov
+    good = np.sqrt(cov[:, [0, 2]].max(axis=1)) < WORST_SIGMA_PX
+    return found.centre_px[good], cov[good]
 
 
 def numbered(expected, centres, limit_px):

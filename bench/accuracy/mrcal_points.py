@@ -16,7 +16,7 @@ FREE_K1_P1_P2 = "LENSMODEL_OPENCV4"
 
 
 def start_pose(points, pixels, f, center):
-    """A pose near enough: the direct linear transformation with known f, by orthogonal iteration."""
+    """A pose near enough: the direct linear transformation with known f."""
     rays = np.column_stack([(pixels - center) / f, np.ones(len(pixels))])
     homogeneous = np.column_stack([points - points.mean(axis=0), np.ones(len(points))])
     rows = []

@@ -343,7 +343,7 @@ void BindAdjust(py::module_& m) {
       .def_property_readonly("redundancy", &Dispersion::redundancy)
       .def_property_readonly("num_reduced", &Dispersion::num_reduced)
       .def_property_readonly("datum_size", &Dispersion::datum_size)
-      .def("full_covariance", &Dispersion::FullCovariance, release)
+      .def("full_covariance", &Dispersion::FullCovariance, "num_threads"_a, release)
       .def("statistics", [](const Dispersion& d) { return StatisticsArrays(d.Statistics()); })
       .def("predict", &PredictMany, "image"_a, "point"_a);
   m.def("point_covariances", &PointCovariances, "dispersion"_a);

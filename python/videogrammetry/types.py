@@ -177,6 +177,7 @@ class PointSet:
     position_mm : (N, 3).
     cov_mm2 : (N, 6) in the order of ``COV6_ORDER``, or None where unknown.
     normal : (N, 3) unit normals or None; diameter_mm : (N,) or None.
+    full_cov_mm2 : (3N, 3N) with the correlations between points, where they are known.
     """
 
     id: IntArray
@@ -184,6 +185,7 @@ class PointSet:
     cov_mm2: FloatArray | None = None
     normal: FloatArray | None = None
     diameter_mm: FloatArray | None = None
+    full_cov_mm2: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.id)

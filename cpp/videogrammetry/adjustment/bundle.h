@@ -14,6 +14,8 @@ struct BundleOptions {
   /// Near the solution the first step is an undamped Gauss-Newton step; far
   /// from it, it is damped from the start.
   bool near_solution = true;
+  /// Stop at this relative change of v'Pv: 1e-10 moves no unknown by 1e-3 of its sigma.
+  double function_tolerance = 1e-10;
   /// 0 = one a core.
   int num_threads = 0;
 };

@@ -99,7 +99,9 @@ void FitToDatum(Network* network) {
   const Eigen::Vector3d shift = fit.topRightCorner<3, 1>();
   const PoseUse use(*network);
   for (NetworkPoint& p : network->points) {
-    if (p.is_unknown()) p.position_mm = scale * (rotation * p.position_mm) + shift;
+    if (!p.is_unknown()) continue;
+    p.position_mm = scale * (rotation * p.position_mm) + shift;
+    p.normal = rotation * p.normal;
   }
   for (std::size_t i = 0; i < network->poses.size(); ++i) {
     Rigid3& pose = network->poses[i].transform;

@@ -26,6 +26,32 @@ Eigen::MatrixXd Orthonormal(const Eigen::MatrixXd& columns) {
          Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
 }
 
+/// Fills what FullCovariance leaves out: eliminated by reduced, and the
+/// blocks' lower triangle (block a by an earlier block b).
+void Mirror(const Elimination& elimination, Eigen::MatrixXd* full) {
+  const Eigen::Index u = full->rows();
+  constexpr Eigen::Index kTile = 64;  // both tiles stay in the cache
+  auto is_known = [&](Eigen::Index i, Eigen::Index j) {
+    const int a = elimination.block_of[i], b = elimination.block_of[j];
+    return a < 0 || (b >= 0 && a <= b);
+  };
+  for (Eigen::Index jj = 0; jj < u; jj += kTile) {
+    for (Eigen::Index ii = 0; ii < u; ii += kTile) {
+      for (Eigen::Index j = jj; j < std::min(u, jj + kTile); ++j) {
+        for (Eigen::Index i = ii; i < std::min(u, ii + kTile); ++i) {
+          if (!is_known(i, j)) (*full)(i, j) = (*full)(j, i);
+        }
+      }
+    }
+  }
+}
+
+std::vector<int> PlacesOf(const Elimination& elimination, const std::vector<int>& unknowns) {
+  std::vector<int> places;
+  for (const int u : unknowns) places.push_back(elimination.place[u]);
+  return places;
+}
+
 std::vector<int> Range(int first, int end) {
   std::vector<int> all(static_cast<std::size_t>(end - first));
   std::iota(all.begin(), all.end(), first);
@@ -198,6 +224,10 @@ Eigen::MatrixXd Dispersion::Expansion(const std::vector<int>& unknowns,
 }
 
 Eigen::MatrixXd Dispersion::Covariance(const std::vector<int>& a, const std::vector<int>& b) const {
+  const auto is_reduced = [&](int u) { return elimination_.block_of[u] < 0; };
+  if (std::all_of(a.begin(), a.end(), is_reduced) && std::all_of(b.begin(), b.end(), is_reduced)) {
+    return cov_(PlacesOf(elimination_, a), PlacesOf(elimination_, b));
+  }
   std::vector<int> columns_a, columns_b;
   const Eigen::MatrixXd t_a = Expansion(a, &columns_a), t_b = Expansion(b, &columns_b);
   Eigen::MatrixXd q = t_a * cov_(columns_a, columns_b) * t_b.transpose();
@@ -218,7 +248,12 @@ Eigen::MatrixXd Dispersion::Covariance(const std::vector<int>& a, const std::vec
 
 Eigen::MatrixXd Dispersion::CovOrientation() const {
   const std::vector<int> all = Range(0, index_.num_orientation);
-  return Covariance(all, all);
+  // Few eliminated ones cost little one by one, many less together.
+  const auto is_reduced = [&](int u) { return elimination_.block_of[u] < 0; };
+  if (all.size() < 300 || std::all_of(all.begin(), all.end(), is_reduced)) {
+    return Covariance(all, all);
+  }
+  return FullCovariance().topLeftCorner(index_.num_orientation, index_.num_orientation);
 }
 
 Eigen::Matrix3d Dispersion::CovPoint(int point) const {
@@ -255,9 +290,52 @@ Eigen::MatrixXd Dispersion::CovPoints(const std::vector<int>& points) const {
   return cov;
 }
 
-Eigen::MatrixXd Dispersion::FullCovariance() const {
-  const std::vector<int> all = Range(0, index_.num_unknowns);
-  return Covariance(all, all);
+Eigen::MatrixXd Dispersion::FullCovariance(int num_threads) const {
+  // Q T' of each eliminated block's columns first, then T from the left: an eliminated
+  // block meets few of the reduced unknowns, so that this is far less than (1) as it stands.
+  const Eigen::Index u = index_.num_unknowns;
+  const int count = static_cast<int>(normal_.blocks.size());
+  const std::vector<int>& reduced = elimination_.reduced;
+  Eigen::MatrixXd full = Eigen::MatrixXd::Zero(u, u);
+  std::vector<Eigen::MatrixXd> across(normal_.blocks.size());  // Q_rr Y', (R, b)
+  ParallelFor(count, num_threads, [&](int b) {
+    const NormalEquations::Block& block = normal_.blocks[b];
+    Eigen::MatrixXd gathered(cov_.rows(), std::min<Eigen::Index>(64, block.y.cols()));
+    across[b] = Eigen::MatrixXd::Zero(cov_.rows(), block.y.rows());
+    for (Eigen::Index first = 0; first < block.y.cols(); first += gathered.cols()) {
+      const Eigen::Index size = std::min(gathered.cols(), block.y.cols() - first);
+      for (Eigen::Index k = 0; k < size; ++k) {
+        gathered.col(k) = cov_.col(block.columns[static_cast<std::size_t>(first + k)]);
+      }
+      across[b].noalias() += gathered.leftCols(size) * block.y.middleCols(first, size).transpose();
+    }
+  });
+  ParallelFor(count, num_threads, [&](int b) {
+    const std::vector<int>& own = elimination_.blocks[b];
+    for (std::size_t k = 0; k < own.size(); ++k) {
+      const Eigen::Index column = static_cast<Eigen::Index>(k);
+      for (std::size_t r = 0; r < reduced.size(); ++r) {
+        full(reduced[r], own[k]) = -across[b](static_cast<Eigen::Index>(r), column);
+      }
+    }
+    for (int a = 0; a <= b; ++a) {
+      const NormalEquations::Block& block = normal_.blocks[a];
+      full(elimination_.blocks[a], own) = block.y * across[b](block.columns, Eigen::all);
+    }
+    full(own, own) += normal_.blocks[b].inverse;
+  });
+  for (std::size_t j = 0; j < reduced.size(); ++j) {
+    for (std::size_t i = 0; i < reduced.size(); ++i) {
+      full(reduced[i], reduced[j]) =
+          cov_(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    }
+  }
+  Mirror(elimination_, &full);
+  if (!datum_.isZero(0)) {
+    full.noalias() -= null_space_ * datum_.transpose();
+    full.noalias() -= datum_ * null_space_.transpose();
+  }
+  return full;
 }
 
 void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::VectorXd& change,

@@ -84,7 +84,7 @@ class Dispersion {
   /// (3K, 3K) of some points.
   Eigen::MatrixXd CovPoints(const std::vector<int>& points) const;
   /// Covariance of all unknowns.
-  Eigen::MatrixXd FullCovariance() const;
+  Eigen::MatrixXd FullCovariance(int num_threads = 0) const;
 
   /// Moves all unknowns of a network as the normal equations answer to a
   /// condition: the unknowns `which` change by `change`, the others by

@@ -55,8 +55,21 @@ void ScaleToBars(Network* network) {
 void SetPriorsAside(Network* network, double limit) {
   const auto is_observed = [](const NetworkPoint& p) { return p.is_observed(); };
   const auto is_used = [](const NetworkScaleBar& b) { return b.used; };
-  if (std::none_of(network->points.begin(), network->points.end(), is_observed) &&
-      std::none_of(network->scale_bars.begin(), network->scale_bars.end(), is_used)) {
+  // What is within its own standard deviations is so with the adjusted ones as
+  // well; the dispersion costs as much as an adjustment.
+  const auto is_point_suspect = [&](const NetworkPoint& p) {
+    return p.is_observed() && !((p.prior_mm - p.position_mm)
+                                    .cwiseQuotient(p.prior_cov_mm2.diagonal().cwiseSqrt())
+                                    .cwiseAbs()
+                                    .maxCoeff() < limit);
+  };
+  const auto is_bar_suspect = [&](const NetworkScaleBar& b) {
+    const double length_mm =
+        (network->points[b.a].position_mm - network->points[b.b].position_mm).norm();
+    return b.used && !(std::abs(b.length_mm - length_mm) < limit * b.sigma_mm);
+  };
+  if (std::none_of(network->points.begin(), network->points.end(), is_point_suspect) &&
+      std::none_of(network->scale_bars.begin(), network->scale_bars.end(), is_bar_suspect)) {
     return;
   }
   Network changed = *network;
@@ -95,6 +108,8 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   BundleOptions bundle;
   bundle.near_solution = false;
   bundle.cauchy_scale = 3.0;
+  // Rough, for what follows begins anew with other weights.
+  bundle.function_tolerance = 1e-3;
   bundle.num_threads = options.num_threads;
   std::vector<double> floors(network->cameras.size(), kStartFloorPx);
   for (const NetworkCamera& c : network->cameras) {
@@ -118,6 +133,7 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   BundleSummary summary = SolveBundle(network, bundle);
   SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
   bundle.near_solution = true;
+  bundle.function_tolerance = 1e-6;
   summary = SolveBundle(network, bundle);
   if (options.estimate_floor) {
     SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));

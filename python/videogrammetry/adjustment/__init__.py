@@ -1,6 +1,7 @@
 """Photogrammetric adjustment: start values, bundle, covariance, data snooping."""
 
-from videogrammetry.adjustment.network import (
+from videogrammetry.adjustment.network import Network
+from videogrammetry.adjustment.results import (
     CAMERA_UNKNOWNS,
     INTERFACE_UNKNOWNS,
     Adjustment,
@@ -8,7 +9,6 @@ from videogrammetry.adjustment.network import (
     CameraVariance,
     Dispersion,
     DroppedParameter,
-    Network,
     PointPriorStatistics,
     ScaleBarStatistics,
 )

@@ -8,16 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.adjustment import Adjustment, Network
-from videogrammetry.calibration.interfaces import add_interfaces
+from videogrammetry.adjustment import CAMERA_UNKNOWNS, Adjustment, Network
+from videogrammetry.calibration.interfaces import add_interfaces, in_target_frame
+from videogrammetry.calibration.late_cameras import image_motion, less_bend
 from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
-from videogrammetry.calibration.run import CalibrationInterface, CameraFrames, Rejection
+from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
 from videogrammetry.calibration.start import CameraStart
+from videogrammetry.errors import CalibrationError
 from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet
 
 #: What may be dropped when a camera's free parameters are not chosen.
 DISTORTION_NAMES = INTERIOR_NAMES[3:]
+#: Delays that change by less, in stages, move no picture by a thousandth of a pixel.
+_SAME_DELAY = 1e-4
 POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz")
 
 
@@ -32,10 +36,11 @@ class Bundle:
 
     ``camera_of``: the project's camera of each of the network's; ``outer``: the
     network pose of each camera in the rig (none where every picture has a pose
-    of its own); ``pictures``: one a network image; ``stage_pose``: the network
-    pose of a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles
-    that the network knows, NaN for points that are none; ``windows``: name -> the network's
-    window; ``camera_windows``: the one of each camera, None: none.
+    of its own); ``pictures``: one a network image; ``stage_pose``: the network pose of
+    a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles that the
+    network knows, NaN for points that are none; ``windows``: name -> the network's
+    window; ``camera_windows``: the one of each camera, None: none; ``time_offset``: whether
+    cameras may be late, ``delay`` (C,) by which part of a stage they are.
     """
 
     network: Network
@@ -47,6 +52,8 @@ class Bundle:
     circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     windows: dict[str, int] = field(default_factory=dict)
     camera_windows: list[int | None] = field(default_factory=list)
+    time_offset: bool = False
+    delay: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def set_circles(self, normal: FloatArray, diameter_mm: FloatArray) -> None:
         """Have the network model the ellipses of these circles."""
@@ -85,14 +92,35 @@ class Bundle:
 
     def set_observations(self, used: npt.NDArray[np.bool_] | None = None) -> None:
         """Hand the pictures' points to the network (again)."""
-        image = np.concatenate([np.full(len(p), i) for i, p in enumerate(self.pictures)])
+        image = self.image_of
+        xy_px = np.concatenate([p.xy_px for p in self.pictures])
+        velocity_px = None
+        if self.time_offset:
+            motion = image_motion(self.pictures)
+            camera = np.array([p.camera for p in self.pictures])[image]
+            delay = self.delay if len(self.delay) else np.zeros(camera.max() + 1)
+            xy_px, velocity_px = less_bend(xy_px, motion, delay[camera]), motion.velocity_px
+            # A late camera's point without neighbours cannot be brought to the stage.
+            here = motion.known | (camera == 0)
+            used = here if used is None else used & here
         self.network.set_observations(
             image,
             np.concatenate([p.point for p in self.pictures]),
-            np.concatenate([p.xy_px for p in self.pictures]),
+            xy_px,
             np.concatenate([p.cov_px2 for p in self.pictures]),
             used,
+            velocity_px=velocity_px,
         )
+
+    def update_delay(self) -> bool:
+        """Take the estimated delays over; whether that changes the observations."""
+        place = CAMERA_UNKNOWNS.index("time_offset")
+        found = np.array(
+            [self.network.camera_unknowns(i)[place] for i in range(len(self.camera_of))]
+        )
+        before = self.delay if len(self.delay) else np.zeros(len(found))
+        self.delay = found
+        return bool(np.abs(found - before).max() > _SAME_DELAY)
 
     @property
     def image_of(self) -> IntArray:
@@ -113,25 +141,30 @@ def joint_bundle(
     rig_from_target: Mapping[int, Rigid],
     target: PointSet,
     target_cov: FloatArray,
-    eccentricity: bool = True,
-    interfaces: Sequence[CalibrationInterface] = (),
+    options: CalibrationOptions,
 ) -> Bundle:
     """One pose a stage, one constant relative pose a camera, target coordinates observed.
 
     The rig's frame is the first camera's; the target's where windows are stated in that.
     """
     network = Network()
-    bundle = Bundle(network=network, camera_of=list(range(len(cameras))), outer=[])
-    bundle.windows = add_interfaces(network, interfaces)
-    of_target = any(i.frame == "target" for i in interfaces)
+    bundle = Bundle(
+        network=network, camera_of=list(range(len(cameras))), outer=[],
+        time_offset=options.time_offset,
+    )  # fmt: skip
+    bundle.windows = add_interfaces(network, options.interfaces)
+    of_target = in_target_frame(options)
     for index, (camera, start) in enumerate(zip(cameras, starts, strict=True)):
         window = None if camera.interface is None else bundle.windows[camera.interface]
         bundle.camera_windows.append(window)
+        # The first camera is the clock.
+        late = ("time_offset",) if options.time_offset and index > 0 else ()
         network.add_camera(
             camera.name,
             start.model,
-            free=offered_names(camera),
+            free=(*offered_names(camera), *late),
             start=start.held,
+            prior_sigma=camera.prior_sigma,
             interface=window,
         )
         # The reference's pose is the frame itself.
@@ -144,15 +177,40 @@ def joint_bundle(
         if picture.stage not in starts[picture.camera].poses:
             continue
         # A window stands in the frame that outer poses lead from: none may be missing.
-        outer = bundle.outer[picture.camera] if picture.camera > 0 or interfaces else -1
+        outer = bundle.outer[picture.camera] if picture.camera > 0 or options.interfaces else -1
         network.add_image(
             picture.image, picture.camera, outer=outer, inner=bundle.stage_pose[picture.stage]
         )
         bundle.pictures.append(picture)
     network.set_points(target.id, target.position_mm, target_cov)
-    bundle.set_known_circles(target, eccentricity)
+    if options.sigma_mm is None and target.full_cov_mm2 is not None:
+        # A coordinate stated without error would make the weights infinite.
+        size = float(np.linalg.norm(np.ptp(target.position_mm, axis=0)))
+        joint = target.full_cov_mm2 + np.eye(3 * len(target)) * (1e-7 * size) ** 2
+        network.set_point_prior(np.arange(len(target)), target.position_mm, joint)
+    _set_lengths(network, target, options)
+    bundle.set_known_circles(target, options.eccentricity and not options.interfaces)
     bundle.set_observations()
     return bundle
+
+
+def _set_lengths(network: Network, target: PointSet, options: CalibrationOptions) -> None:
+    row = {int(number): i for i, number in enumerate(target.id)}
+    for bar in options.lengths:
+        for end in (bar.point_a, bar.point_b):
+            if end not in row:
+                raise CalibrationError(
+                    f"the scale bar {bar.point_a}-{bar.point_b} ends in point {end}, which is not "
+                    "one of the target's: name the bars between points of the target here; bars "
+                    "beside it belong into its measurement (measure-target)"
+                )
+    if options.lengths:
+        network.set_scale_bars(
+            [row[bar.point_a] for bar in options.lengths],
+            [row[bar.point_b] for bar in options.lengths],
+            [bar.length_mm for bar in options.lengths],
+            [bar.sigma_mm for bar in options.lengths],
+        )
 
 
 def single_bundle(

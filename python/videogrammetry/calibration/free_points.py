@@ -25,32 +25,29 @@ from videogrammetry.calibration.network_input import (
     NetworkPoints,
     ScaleBars,
 )
+from videogrammetry.calibration.network_rays import intersect_rays
 from videogrammetry.calibration.network_start import start_network
 from videogrammetry.calibration.pictures import Picture, Pictures
-from videogrammetry.calibration.result import Outcome, calibration_run
+from videogrammetry.calibration.result import Outcome, adjusted_bars, calibration_run
 from videogrammetry.calibration.run import (
     CalibrationOptions,
     CalibrationRun,
     CameraFrames,
     FrameTargets,
+    KnownLength,
     Rejection,
 )
 from videogrammetry.calibration.solving import Solution
 from videogrammetry.calibration.start import START_GATE, CameraStart, start_interior
 from videogrammetry.calibration.volume import with_volume
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import default_r0_px
+from videogrammetry.geometry import default_r0_px, rays_through_pixels
 from videogrammetry.types import FloatArray, IntArray, PointSet, RigCamera
 
-
-@dataclass(frozen=True, kw_only=True)
-class KnownLength:
-    """The distance of two targets that holds at every stage: a bar, a wand."""
-
-    point_a: int
-    point_b: int
-    length_mm: float
-    sigma_mm: float
+#: Rays that pass each other by more belong to no one point; a start's distortion is rough.
+_MEET_PX = 10.0
+#: Rays under a smaller angle place no point.
+_LEAST_RAD = 0.02
 
 
 @dataclass(frozen=True)
@@ -103,9 +100,9 @@ def calibrate_free_points(
     places, pictures, rejected = _collect(cameras, frozenset(still))
     bars = _bars(places, lengths)
     network = _start(cameras, places, pictures, bars)
-    bundle, starts = _bundle(cameras, network, places, pictures, bars)
+    bundle, starts, bars = _bundle(cameras, network, places, pictures, bars)
     solution = _solve(bundle, cameras, places, options)
-    outcome = _outcome(bundle, solution)
+    outcome = _outcome(bundle, solution, places, bars)
     target = PointSet(
         id=np.arange(1, len(places) + 1, dtype=np.int32), position_mm=bundle.network.positions_mm
     )
@@ -143,21 +140,21 @@ def _collect(
     alone: dict[int, int] = {}
     for key, by in seen.items():
         if key not in row:
-            camera = next(iter(by))
-            alone[camera] = alone.get(camera, 0) + 1
+            only = next(iter(by))
+            alone[only] = alone.get(only, 0) + 1
     rejected = [
         Rejection(
             kind="target",
-            camera=cameras[camera].name,
+            camera=cameras[index].name,
             image="",
             point_id=None,
             value=float(count),
             reason=f"{count} targets are seen by no other camera at their stage",
         )
-        for camera, count in sorted(alone.items())
+        for index, count in sorted(alone.items())
     ]
-    number, stage = np.array(kept, np.int32).T
-    return _Places(number, stage), [p for p in pictures if len(p)], rejected
+    table = np.array(kept, np.int32)
+    return _Places(table[:, 0], table[:, 1]), [p for p in pictures if len(p)], rejected
 
 
 def _numbers(frame: FrameTargets) -> list[int]:
@@ -265,7 +262,35 @@ def _start(
         observations=observations,
         scale_bars=bars,
     )
-    return start_network(network).network
+    return _place_rest(start_network(network).network)
+
+
+def _place_rest(network: NetworkInput) -> NetworkInput:
+    """Points that the start left without a place, where their rays meet after all."""
+    positions = network.points.position_mm.copy()
+    o = network.observations
+    rays = {}
+    for index, (camera, image) in enumerate(zip(network.cameras, network.images, strict=True)):
+        if image.rotation is None or image.translation_mm is None:
+            continue
+        lens = RigCamera(
+            image_size_px=camera.image_size_px, interior=camera.interior, r0_px=camera.r0_px,
+            rotation=image.rotation, translation_mm=image.translation_mm,
+        )  # fmt: skip
+        rows = np.flatnonzero(o.image == index)
+        direction = rays_through_pixels(lens, o.xy_px[rows]) @ image.rotation
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        for row, way in zip(rows.tolist(), direction, strict=True):
+            rays[row] = (lens.centre_mm, way, float(camera.interior[0]))
+    for point in np.flatnonzero(np.isnan(positions).any(axis=1)):
+        own = [rays[row] for row in np.flatnonzero(o.point == point).tolist() if row in rays]
+        if len(own) < 2:
+            continue
+        centre, way, f_px = (np.array(part) for part in zip(*own, strict=True))
+        place = intersect_rays(centre, way, f_px, _MEET_PX, _LEAST_RAD)
+        if place is not None:
+            positions[point] = place
+    return replace(network, points=replace(network.points, position_mm=positions))
 
 
 def _bundle(
@@ -274,10 +299,11 @@ def _bundle(
     places: _Places,
     pictures: Sequence[Picture],
     bars: ScaleBars,
-) -> tuple[Bundle, list[CameraStart]]:
+) -> tuple[Bundle, list[CameraStart], ScaleBars]:
     """The rig's bundle in the first camera's frame: one pose a camera, all points free."""
     first = started.images[0]
-    assert first.rotation is not None and first.translation_mm is not None
+    assert first.rotation is not None
+    assert first.translation_mm is not None
     base_rotation, base_shift = first.rotation, first.translation_mm
     positions = started.points.position_mm @ base_rotation.T + base_shift
     network = Network()
@@ -286,7 +312,8 @@ def _bundle(
     for index, (camera, model, image) in enumerate(
         zip(cameras, started.cameras, started.images, strict=True)
     ):
-        assert image.rotation is not None and image.translation_mm is not None
+        assert image.rotation is not None
+        assert image.translation_mm is not None
         rotation = image.rotation @ base_rotation.T
         shift = image.translation_mm - rotation @ base_shift
         lens = RigCamera(
@@ -296,13 +323,19 @@ def _bundle(
         held = start_interior(camera)
         f_given = bool(held[0] > 0)
         held[0] = held[0] or model.interior[0]
-        network.add_camera(camera.name, lens, free=offered_names(camera), start=held)
+        network.add_camera(
+            camera.name,
+            lens,
+            free=offered_names(camera),
+            start=held,
+            prior_sigma=camera.prior_sigma,
+        )
         bundle.outer.append(network.add_pose(camera.name, rotation, shift, free=index > 0))
         gate = START_GATE * float(np.hypot(*camera.image_size_px))
         starts.append(
             CameraStart(model=lens, held=held, f_given=f_given, poses={}, gate_px=gate, rejected=())
         )
-    placed = np.isfinite(positions).all(axis=1)
+    placed = np.asarray(np.isfinite(positions).all(axis=1))
     rig = network.add_pose("rig", np.eye(3), np.zeros(3), free=False)
     for picture in pictures:
         keep = placed[picture.point]
@@ -327,7 +360,13 @@ def _bundle(
         bars.point_a[usable], bars.point_b[usable], bars.length_mm[usable], bars.sigma_mm[usable]
     )
     bundle.set_observations()
-    return bundle, starts
+    kept = ScaleBars(
+        point_a=bars.point_a[usable],
+        point_b=bars.point_b[usable],
+        length_mm=bars.length_mm[usable],
+        sigma_mm=bars.sigma_mm[usable],
+    )
+    return bundle, starts, kept
 
 
 def _solve(
@@ -343,8 +382,9 @@ def _solve(
     )
     if not adjustment.converged:
         raise CalibrationError(
-            f"the adjustment does not converge ({adjustment.message.strip()}); wave the bar through "
-            "more of the volume, near and far and in all directions, or give start values of f_px"
+            f"the adjustment does not converge ({adjustment.message.strip()}); wave the bar "
+            "through more of the volume, near and far and in all directions, or give start "
+            "values of f_px"
         )
     names = [camera.name for camera in cameras]
     target = PointSet(id=places.number, position_mm=bundle.network.positions_mm)
@@ -369,7 +409,7 @@ def _solve(
     )  # fmt: skip
 
 
-def _outcome(bundle: Bundle, solution: Solution) -> Outcome:
+def _outcome(bundle: Bundle, solution: Solution, places: _Places, bars: ScaleBars) -> Outcome:
     network, adjustment = bundle.network, solution.adjustment
     cov: FloatArray = adjustment.sigma0**2 * solution.dispersion.point_cov_mm2
     still = (np.eye(3), np.zeros(3))
@@ -385,6 +425,17 @@ def _outcome(bundle: Bundle, solution: Solution) -> Outcome:
             "scale_bars": len(adjustment.scale_bars.used),
             "scale_bar_rms_mm": float(np.sqrt(np.mean(adjustment.scale_bars.residual_mm**2))),
         },
+        bars=adjusted_bars(
+            adjustment,
+            (bars.point_a, bars.point_b),
+            bars.length_mm,
+            bars.sigma_mm,
+            [
+                f"targets {places.number[a]} and {places.number[b]}, stage "
+                f"{max(places.stage[a], places.stage[b])}"
+                for a, b in zip(bars.point_a, bars.point_b, strict=True)
+            ],
+        ),
     )
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from videogrammetry.adjustment import CAMERA_UNKNOWNS
 from videogrammetry.calibration.bundle import joint_bundle
 from videogrammetry.calibration.interfaces import adjusted_interfaces
 from videogrammetry.calibration.linking import RigStart
 from videogrammetry.calibration.mirrored import settle_doubtful
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.pictures import Pictures
-from videogrammetry.calibration.result import Outcome
+from videogrammetry.calibration.result import Outcome, adjusted_bars
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames
 from videogrammetry.calibration.solving import Solution, solve
 from videogrammetry.calibration.start import CameraStart
@@ -36,8 +39,7 @@ def calibrate_joint(
         rig.rig_from_target,
         target,
         target_cov,
-        options.eccentricity and not options.interfaces,
-        options.interfaces,
+        options,
     )
     f_given = [start.f_given for start in starts]
     solution = solve(bundle, cameras, f_given, target, options)
@@ -58,7 +60,34 @@ def calibrate_joint(
         point_cov_mm2=adjustment.sigma0**2 * solution.dispersion.point_cov_mm2,
         rejected=rig.rejected,
         warnings=warnings,
+        statistics=_time_offsets(cameras, solution) if options.time_offset else {},
+        bars=_bars(solution, target, options) if options.lengths else None,
     )  # fmt: skip
+
+
+def _bars(solution: Solution, target: PointSet, options: CalibrationOptions) -> AdjustedBars:
+    row = {int(number): i for i, number in enumerate(target.id)}
+    ends = [[row[b.point_a] for b in options.lengths], [row[b.point_b] for b in options.lengths]]
+    a, b = np.array(ends, np.int32)
+    return adjusted_bars(
+        solution.adjustment,
+        (a, b),
+        np.array([bar.length_mm for bar in options.lengths]),
+        np.array([bar.sigma_mm for bar in options.lengths]),
+    )
+
+
+def _time_offsets(cameras: Sequence[CameraFrames], solution: Solution) -> dict[str, Any]:
+    """By which part of the interval between stages each camera is late, and its sigma."""
+    place = CAMERA_UNKNOWNS.index("time_offset")
+    sigma0 = solution.adjustment.sigma0
+    offsets, sigmas = {}, {}
+    for index, camera in enumerate(cameras):
+        row = int(solution.dispersion.camera_index[index, place])
+        offsets[camera.name] = float(solution.bundle.network.camera_unknowns(index)[place])
+        variance = solution.dispersion.cov[row, row] if row >= 0 else 0.0
+        sigmas[camera.name] = float(sigma0 * np.sqrt(variance))
+    return {"time_offset_stages": offsets, "sigma_time_offset_stages": sigmas}
 
 
 def camera_covariance(solution: Solution) -> FloatArray:

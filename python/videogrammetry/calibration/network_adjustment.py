@@ -166,7 +166,7 @@ def _solve(tables: NetworkInput, given: Sequence[NetworkCamera], options: Networ
     offered = offered_names(tables)
     adjust = AdjustOptions(
         critical_value=tables.critical_value,
-        estimate_floor=False,
+        estimate_floor=options.estimate_floor,
         robust_start=options.robust_start,
         significance=options.significance if any(offered) else 0.0,
         num_threads=options.num_threads,

@@ -81,6 +81,8 @@ def network_outcome(
             rounds=adjustment.rounds,
             converged=adjustment.converged,
         ),
+        known_factor=adjustment.point_factor if adjustment.point_redundancy > 0 else None,
+        known_redundancy=adjustment.point_redundancy,
     )
 
 

@@ -23,12 +23,15 @@ class NetworkOptions:
         many standard deviations is dropped (see ``CalibrationOptions``).
     eccentricity : model the ellipses' centres of points whose circle is known.
     robust_start : begin with Cauchy's loss.
+    estimate_floor : estimate an additive variance of the image points per camera; for
+        observations whose covariances are of recognition alone.
     num_threads : 0 = one a core.
     """
 
     significance: float = 2.58
     eccentricity: bool = True
     robust_start: bool = True
+    estimate_floor: bool = False
     num_threads: int = 0
 
 
@@ -226,7 +229,11 @@ class NetworkSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkAdjustment:
-    """Result of :func:`~videogrammetry.calibration.network_adjustment.adjust_network`."""
+    """Result of :func:`~videogrammetry.calibration.network_adjustment.adjust_network`.
+
+    ``known_factor``: variance factor of the coordinates of weighted points, of
+    ``known_redundancy``; None where there is none.
+    """
 
     cameras: tuple[AdjustedCamera, ...]
     images: AdjustedImages
@@ -236,3 +243,5 @@ class NetworkAdjustment:
     rejected: tuple[NetworkRejection, ...]
     warnings: tuple[str, ...]
     summary: NetworkSummary
+    known_factor: float | None = None
+    known_redundancy: float = 0.0

@@ -408,7 +408,10 @@ class _Matcher:
             xy, by_point, inside = view.predict(points)
             total = np.einsum("nij,njk,nlk->nil", by_point, cov, by_point)
             total = total + view.total_px**2 * np.eye(2)
-            largest = np.sqrt(np.linalg.norm(total, 2, axis=(1, 2), keepdims=False))
+            # The larger eigenvalue, written out: points behind the camera are NaN here.
+            half = 0.5 * (total[:, 0, 0] + total[:, 1, 1])
+            apart = np.hypot(0.5 * (total[:, 0, 0] - total[:, 1, 1]), total[:, 0, 1])
+            largest = np.sqrt(half + apart)
             usable = np.flatnonzero(inside & (largest < _MAX_PREDICTION_PX))
             if len(usable) == 0:
                 continue

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from videogrammetry.adjustment import Adjustment
 from videogrammetry.calibration.bundle import POSE_NAMES, rms_px
 from videogrammetry.calibration.interfaces import in_target_frame
 from videogrammetry.calibration.linking import Rigid
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.pictures import Pictures
 from videogrammetry.calibration.run import (
     CalibrationOptions,
@@ -25,6 +27,7 @@ from videogrammetry.types import (
     INTERIOR_NAMES,
     FlatInterface,
     FloatArray,
+    IntArray,
     PointSet,
     RigCamera,
     RigData,
@@ -54,6 +57,7 @@ class Outcome:
     rejected: Sequence[Rejection] = ()
     warnings: Sequence[str] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict)
+    bars: AdjustedBars | None = None
 
 
 def calibration_run(
@@ -72,6 +76,7 @@ def calibration_run(
     of = {name: used & (table.camera == index) for index, name in enumerate(names)}
     adjustments = [s.adjustment for s in outcome.solutions]
     redundancy = sum(a.redundancy for a in adjustments)
+    of_target = sum(a.point_redundancy for a in adjustments)
     squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
     sigma0 = float(np.sqrt(squares / redundancy))
     how = {
@@ -118,6 +123,28 @@ def calibration_run(
             *outcome.warnings,
         ),
         seconds=seconds,
+        target_factor=sum(a.point_factor * a.point_redundancy for a in adjustments) / of_target
+        if of_target > 0
+        else None,
+        target_redundancy=of_target,
+        bars=outcome.bars,
+    )  # fmt: skip
+
+
+def adjusted_bars(
+    adjustment: Adjustment,
+    ends: tuple[IntArray, IntArray],
+    length_mm: FloatArray,
+    sigma_mm: FloatArray,
+    remarks: Sequence[str] = (),
+) -> AdjustedBars:
+    """Known lengths with what the adjustment says of them; ``remarks``: a few words on each."""
+    found = adjustment.scale_bars
+    return AdjustedBars(
+        point_a=ends[0], point_b=ends[1], length_mm=length_mm, sigma_mm=sigma_mm,
+        residual_mm=found.residual_mm, normalised=found.normalised,
+        redundancy=found.redundancy, used=found.used,
+        certificate=tuple(remarks) or ("",) * len(length_mm),
     )  # fmt: skip
 
 

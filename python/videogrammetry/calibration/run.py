@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.types import (
     INTERIOR_NAMES,
     FlatInterface,
@@ -72,8 +73,9 @@ class CameraFrames:
 
     ``start`` gives start values (``f_px``, ``x0_px``, ``y0_px``, ``A1``...);
     ``free`` the interior parameters to estimate (None: all ten, each kept only
-    if significant); ``r0_px`` None = 2/3 of the half diagonal. ``interface`` names
-    one of ``CalibrationOptions.interfaces``: the window that the camera looks through.
+    if significant); ``prior_sigma`` standard deviations with which start values are
+    observed; ``r0_px`` None = 2/3 of the half diagonal. ``interface`` names one of
+    ``CalibrationOptions.interfaces``: the window that the camera looks through.
     """
 
     name: str
@@ -83,6 +85,17 @@ class CameraFrames:
     free: tuple[str, ...] | None = None
     r0_px: float | None = None
     interface: str | None = None
+    prior_sigma: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownLength:
+    """The distance of two targets that holds at every stage: a bar, a wand."""
+
+    point_a: int
+    point_b: int
+    length_mm: float
+    sigma_mm: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +125,10 @@ class CalibrationOptions:
     diameter_mm : of circles whose diameter the table does not state; None: unknown.
     interfaces : windows into a fluid that cameras look through (``CameraFrames.interface``);
         method "joint" only. With them ellipses' centres are taken for the circles'.
+    time_offset : estimate by which part of the interval between two stages a camera is late
+        (the first is the clock), from how targets move from stage to stage; joint only.
+        Stages of neighbouring numbers must be neighbours in time.
+    lengths : known distances between the target's points, observed; joint only.
     num_threads : 0 = one a core.
     """
 
@@ -123,6 +140,8 @@ class CalibrationOptions:
     eccentricity: bool = True
     diameter_mm: float | None = None
     interfaces: tuple[CalibrationInterface, ...] = ()
+    time_offset: bool = False
+    lengths: tuple[KnownLength, ...] = ()
     num_threads: int = 0
 
 
@@ -184,6 +203,9 @@ class CalibrationRun:
     parameters_kept : camera -> names of the interior parameters estimated.
     rejected, warnings : for the report and the terminal.
     seconds : time the calculation took.
+    target_factor, target_redundancy : variance factor of the target's coordinates
+        and its redundancy; None where it was not estimated.
+    bars : known lengths, their ends as rows of ``target``; None where there were none.
     """
 
     rig: RigData
@@ -204,6 +226,9 @@ class CalibrationRun:
     rejected: tuple[Rejection, ...] = ()
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
+    target_factor: float | None = None
+    target_redundancy: float = 0.0
+    bars: AdjustedBars | None = None
 
 
 def check_free(names: Sequence[str], where: str) -> tuple[str, ...]:

@@ -24,6 +24,8 @@ from videogrammetry.types import PointSet
 
 #: Assignments of un-coded targets settle in two or three rounds.
 MAX_ASSIGNMENTS = 5
+#: The bend of ways within a delay is second order: few rounds settle it.
+MAX_DELAYS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +61,14 @@ def solve(
         num_threads=options.num_threads,
     )
     adjustment = bundle.network.adjust(adjust, offered(own))
+    again = replace(adjust, robust_start=False)
+    for _ in range(MAX_DELAYS if bundle.time_offset else 0):
+        if not bundle.update_delay():
+            break
+        bundle.set_observations(adjustment.used)
+        adjustment = bundle.network.adjust(again, offered(own))
     dispersion = bundle.network.dispersion()
     base = list(bundle.pictures)
-    again = replace(adjust, robust_start=False)
     for _ in range(MAX_ASSIGNMENTS if any(len(p.open_xy_px) for p in base) else 0):
         pictures = assign_uncoded(
             bundle, base, adjustment, dispersion, target, options.critical_value

@@ -59,14 +59,15 @@ def two_sides(result: NetworkAdjustment) -> TwoSides | None:
     if not len(first):
         return None
     along = along * np.sign(along[first[0]])
-    front, back = np.flatnonzero(along > _FACING), np.flatnonzero(along < -_FACING)
+    front = np.flatnonzero(along > _FACING).astype(np.int32)
+    back = np.flatnonzero(along < -_FACING).astype(np.int32)
     if min(len(front), len(back)) < _MIN_POINTS:
         return None
     positions = result.points.position_mm
     transform = _relative(positions, front, back, sight)
     return TwoSides(
-        front=front.astype(np.int32),
-        back=back.astype(np.int32),
+        front=front,
+        back=back,
         ties=_ties(result, front, back),
         front_from_back=transform,
         cov=_covariance(result, front, back, sight, transform),

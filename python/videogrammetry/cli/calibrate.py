@@ -11,7 +11,13 @@ import numpy as np
 from videogrammetry.calibration.run import CalibrationRun
 from videogrammetry.cli.common import SubParsers, UsageError, add_force, add_verb, text_table
 from videogrammetry.cli.progress import Progress
-from videogrammetry.project import read_project, refuse_overwrite, write_rig, write_text
+from videogrammetry.project import (
+    Project,
+    read_project,
+    refuse_overwrite,
+    write_rig,
+    write_text,
+)
 
 METHODS = ("joint", "mean")
 
@@ -37,6 +43,12 @@ def add_parser(verbs: SubParsers) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="rig file (default: rig.json beside the project)"
     )
+    parser.add_argument(
+        "--reorient",
+        metavar="CAMERA",
+        help="find the pose anew of a camera that has moved, from [stability] points in its "
+        "sequence; the rest of rig.json stays (written to --out, or over it with --force)",
+    )
     add_force(parser)
 
 
@@ -45,12 +57,15 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.suffix != ".json":
         raise UsageError(f"--out: expected a name ending in .json, got {args.out}")
     project = read_project(args.project)
+    if args.reorient is not None:
+        return _reorient(project, args)
     rig_path: Path = args.out or project.rig_path
     report_path = report_path_of(rig_path)
     for path in (rig_path, rig_path.with_suffix(".npz"), report_path):
         refuse_overwrite(path, args.force)
 
     from videogrammetry.pipeline import calibrate_project
+    from videogrammetry.pipeline.calibrate import calibration_pictures
     from videogrammetry.report import calibration_report
 
     progress = Progress("calibrate")
@@ -58,13 +73,39 @@ def run(args: argparse.Namespace) -> int:
         result: CalibrationRun = calibrate_project(project, method=args.method, progress=progress)
     finally:
         progress.close()
-    page = calibration_report(result, title=project.name)
+    page = calibration_report(result, project.name, calibration_pictures(project))
     write_rig(rig_path, result.rig)
     write_text(report_path, page)
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     print(summary(result), end="")
     print(f"wrote {rig_path} and {report_path}", file=sys.stderr)
+    return 0
+
+
+def _reorient(project: Project, args: argparse.Namespace) -> int:
+    """Writes the rig with one camera's new pose."""
+    rig_path: Path = args.out or project.rig_path
+    for path in (rig_path, rig_path.with_suffix(".npz")):
+        refuse_overwrite(path, args.force)
+
+    from videogrammetry.pipeline.reorient import reorient_project
+
+    progress = Progress("reorient")
+    try:
+        found = reorient_project(project, project.rig_path, args.reorient, progress=progress)
+    finally:
+        progress.close()
+    write_rig(rig_path, found.rig)
+    sigma = np.sqrt(np.diag(found.cov))
+    turn, shift = 1e3 * np.linalg.norm(found.turn_rad), np.linalg.norm(found.shift_mm)
+    print(
+        f"camera {args.reorient}: turned by {turn:.4f} mrad (+- "
+        f"{1e3 * np.linalg.norm(sigma[:3]):.4f}), moved by {shift:.3f} mm; "
+        f"{found.significance:.1f} standard deviations of the six; {int(found.used.sum())} of "
+        f"{len(found.used)} points, RMS {found.rms_px:.4f} px"
+    )
+    print(f"wrote {rig_path}", file=sys.stderr)
     return 0
 
 

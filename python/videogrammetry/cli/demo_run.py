@@ -17,6 +17,7 @@ from videogrammetry.accuracy import KnownLength, TruePoints, lengths_from_calibr
 from videogrammetry.calibration import CalibrationRun
 from videogrammetry.cli.progress import Progress
 from videogrammetry.pipeline import calibrate_by, measure_project
+from videogrammetry.pipeline.calibrate import calibration_pictures
 from videogrammetry.pipeline.verify import (
     Verification,
     known_lengths,
@@ -150,7 +151,7 @@ def run_demo(
         runs = calibrate_by(project, ("joint", "mean"), progress=progress)
     run, mean = runs["joint"], runs["mean"]
     write_rig(project.rig_path, run.rig)
-    page = calibration_report(run, title=project.name)
+    page = calibration_report(run, project.name, calibration_pictures(project))
     write_text(project.rig_path.with_name("rig-report.html"), page)
 
     say("3. render, measure and verify the tyre and the scale bars")

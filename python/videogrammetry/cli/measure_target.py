@@ -68,7 +68,17 @@ def add_parser(verbs: SubParsers) -> None:
     )
     add_recognition_arguments(parser)
     parser.add_argument(
-        "--diameter-mm", type=float, metavar="D", help="of the dots: corrects their eccentricity"
+        "--diameter-mm",
+        type=float,
+        metavar="D",
+        help="of the dots, for their eccentricity (default: what the ellipses tell)",
+    )
+    parser.add_argument(
+        "--cameras",
+        nargs="+",
+        default=(),
+        metavar="PATTERN",
+        help="one a camera, like 'left_*' 'right_*' (default: by EXIF and size)",
     )
     parser.add_argument(
         "--f-px", type=float, metavar="F", help="start value (default: EXIF, else searched)"
@@ -90,12 +100,14 @@ def run(args: argparse.Namespace) -> int:
     from videogrammetry.pipeline.measure_target import (
         TargetOptions,
         measure_target,
+        picture_by_name,
         read_photographs,
     )
     from videogrammetry.report.network_report import network_report
 
     options = TargetOptions(
         recognition=recognition_options_of(args),
+        cameras=tuple(args.cameras),
         f_px=_positive(args.f_px, "--f-px"),
         diameter_mm=_positive(args.diameter_mm, "--diameter-mm"),
         free=_free(args.free),
@@ -109,15 +121,17 @@ def run(args: argparse.Namespace) -> int:
     source = open_sequence(args.inputs, same_size=False)
     if len(source) < 2:
         raise UsageError(f"PHOTO: expected two photographs or more, got {len(source)}")
+    names = frame_names(source)
     progress = Progress("measure-target")
     try:
-        photographs = read_photographs(source, frame_names(source), options, progress)
+        photographs = read_photographs(source, names, options, progress)
         measured = measure_target(photographs, bars, nominal, options, progress)
     finally:
         progress.close()
     tables = [path for path in (args.scale_bars, args.nominal) if path is not None]
     origin = provenance(options, [*source.paths, *tables], Path.cwd())
-    _write(paths, measured, origin, network_report(measured.result, args.out.stem))
+    page = network_report(measured.result, args.out.stem, picture_by_name(source, names))
+    _write(paths, measured, origin, page)
     for warning in measured.result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     print(summary(measured.result), end="", file=sys.stderr)

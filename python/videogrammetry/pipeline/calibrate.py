@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,8 @@ from videogrammetry.calibration import (
     FrameTargets,
     calibrate,
 )
+from videogrammetry.calibration.free_points import calibrate_free_points
+from videogrammetry.calibration.run import KnownLength
 from videogrammetry.errors import CalibrationError, ProjectFileError
 from videogrammetry.pipeline.frames import (
     Progress,
@@ -32,10 +36,20 @@ from videogrammetry.project import (
     provenance,
     read_observations,
     read_points,
+    read_rig,
+    read_scale_bars,
 )
+from videogrammetry.project.schema import START_NAMES
 from videogrammetry.recognition import RecognitionOptions, recognize_sequence
 from videogrammetry.sequence import as_source, check_same_length
-from videogrammetry.types import FlatInterface, FrameSource, Observations, PointSet, Targets
+from videogrammetry.types import (
+    INTERIOR_NAMES,
+    FlatInterface,
+    FrameSource,
+    Observations,
+    PointSet,
+    Targets,
+)
 
 
 def calibrate_project(
@@ -71,12 +85,15 @@ def calibrate_by(
     num_threads: int = 0,
 ) -> dict[str, CalibrationRun]:
     """Calibrate by several methods, the pictures recognised once; see :func:`calibrate_project`."""
-    if project.calibration.target is None:
+    section = project.calibration
+    if section.target is None and section.scale_bars is None:
         raise ProjectFileError(
             f"{project.path}: [calibration] names no target: add target = "
-            '"points.csv", a table id,x_mm,y_mm,z_mm of the calibration target\'s points'
+            '"points.csv", a table id,x_mm,y_mm,z_mm of the calibration target\'s points, or '
+            'scale_bars = "bars.csv" for a waved bar of known length'
         )
-    target = read_points(project.calibration.target)
+    target = None if section.target is None else read_points(section.target)
+    lengths = () if section.scale_bars is None else known_lengths(section.scale_bars)
     tables = [camera.observations is not None for camera in project.cameras.values()]
     if any(tables) and not all(tables):
         raise ProjectFileError(
@@ -87,20 +104,109 @@ def calibrate_by(
         cameras, inputs = _from_observations(project)
     else:
         cameras, inputs = _from_pictures(project, progress, num_threads)
-    files: list[str | os.PathLike[str]] = [*inputs, project.calibration.target]
+    tables_read = (section.target, section.scale_bars, section.rig)
+    files: list[str | os.PathLike[str]] = [*inputs, *(path for path in tables_read if path)]
+    if section.rig is not None:
+        cameras = _from_rig(cameras, section.rig, section.hold_to_rig)
     runs = {}
     for method in methods:
         options = CalibrationOptions(
             method=method,
-            sigma_mm=project.calibration.sigma_mm,
+            sigma_mm=section.sigma_mm,
             diameter_mm=project.targets.diameter_mm,
             interfaces=calibration_interfaces(project),
+            time_offset=section.time_offset and method == "joint",
+            lengths=lengths if target is not None and method == "joint" else (),
             num_threads=num_threads,
         )
         progress(0, 1, "adjusting")
-        runs[method] = _with_origin(calibrate(cameras, target, options), project, options, files)
+        run = (
+            calibrate_free_points(cameras, lengths, options, section.still)
+            if target is None
+            else calibrate(cameras, target, options)
+        )
+        runs[method] = _with_origin(run, project, options, files)
         progress(1, 1, "adjusting")
     return runs
+
+
+def calibration_pictures(
+    project: Project,
+) -> Callable[[str, int], npt.NDArray[Any] | None]:
+    """A project's calibration pictures by camera and stage; None where there is no picture.
+
+    For reports that show pieces of them: the files are opened at the first call.
+    """
+
+    @lru_cache(maxsize=1)
+    def sources() -> Mapping[str, FrameSource]:
+        if any(camera.observations is not None for camera in project.cameras.values()):
+            return {}
+        return open_cameras(project, "calibration", lambda camera: camera.calibration)
+
+    @lru_cache(maxsize=4)
+    def picture(camera: str, stage: int) -> npt.NDArray[Any] | None:
+        source = sources().get(camera)
+        return source.read(stage - 1) if source is not None and 0 < stage <= len(source) else None
+
+    return picture
+
+
+def known_lengths(path: Path) -> tuple[KnownLength, ...]:
+    """The bars of a table, their lengths at the temperature of the measurement.
+
+    L = L0 (1 + alpha (T - T0)), where coefficient and both temperatures are stated.
+    """
+    lengths = []
+    for bar in read_scale_bars(path):
+        factor = 1.0
+        if None not in (bar.alpha_per_K, bar.temperature_C, bar.reference_C):
+            assert bar.alpha_per_K is not None
+            assert bar.temperature_C is not None
+            assert bar.reference_C is not None
+            factor += bar.alpha_per_K * (bar.temperature_C - bar.reference_C)
+        lengths.append(
+            KnownLength(
+                point_a=bar.point_a,
+                point_b=bar.point_b,
+                length_mm=factor * bar.length_mm,
+                sigma_mm=bar.sigma_mm,
+            )
+        )
+    return tuple(lengths)
+
+
+def _from_rig(cameras: Sequence[CameraFrames], path: Path, hold: bool) -> list[CameraFrames]:
+    """The cameras with an earlier rig's interior parameters as start values."""
+    rig = read_rig(path)
+    started = []
+    for camera in cameras:
+        known = rig.cameras.get(camera.name)
+        if known is None:
+            started.append(camera)
+            continue
+        if known.image_size_px != camera.image_size_px:
+            raise ProjectFileError(
+                f"{path}: camera {camera.name} had pictures of {known.image_size_px} px, now they "
+                f"are of {camera.image_size_px} px: its old parameters do not hold; take it out of "
+                "the rig, or calibrate without rig"
+            )
+        if not known.measured:
+            raise ProjectFileError(
+                f"{path}: camera {camera.name} has its distortion in the ideal direction; a "
+                "calibration estimates the measured one: start without rig"
+            )
+        values = dict(zip(START_NAMES, known.interior.tolist(), strict=True))
+        sigma = {n: s for n, s in known.sigma.items() if n in INTERIOR_NAMES and s > 0}
+        started.append(
+            dataclasses.replace(
+                camera,
+                start={**values, **camera.start},
+                r0_px=known.r0_px,
+                prior_sigma=sigma if hold else {},
+            )
+        )
+    return started
 
 
 def _with_origin(

@@ -46,7 +46,6 @@ def recognition_options(targets: TargetsSection) -> RecognitionOptions:
 def not_applied_yet(project: Project) -> list[str]:
     """A warning for every setting of the project that is read but changes nothing yet."""
     settings = {
-        "[calibration] scale_bars": project.calibration.scale_bars is not None,
         "[stability] points": project.stability.points is not None,
     }
     return [

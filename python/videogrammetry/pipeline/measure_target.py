@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import fnmatch
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.calibration.network_adjustment import adjust_network
+from videogrammetry.calibration.network_circles import PictureEllipses, circles_of
 from videogrammetry.calibration.network_input import (
     NO_SCALE_BARS,
     NetworkCamera,
@@ -19,7 +24,7 @@ from videogrammetry.calibration.network_input import (
     ScaleBars,
 )
 from videogrammetry.calibration.network_result import NetworkAdjustment, NetworkOptions
-from videogrammetry.calibration.network_start import start_network
+from videogrammetry.calibration.network_start import StartReport, start_network
 from videogrammetry.calibration.network_uncoded import link_uncoded
 from videogrammetry.calibration.object_frame import drawing_fit, moved_network, own_axes
 from videogrammetry.calibration.two_sided import TwoSides, two_sides, two_sides_remark
@@ -43,17 +48,22 @@ class TargetOptions:
     Attributes
     ----------
     recognition : of the targets.
+    cameras : patterns of pictures' names, one a camera; without any, pictures of equal body,
+        lens, focal length (EXIF) and size are of one camera.
     f_px : start value of f for all cameras; None: from EXIF, else searched.
     free : interior parameters to estimate; None: all ten, each kept if significant.
-    diameter_mm : of the dots, for the eccentricity of their ellipses; None: not modelled.
+    eccentricity : model the ellipses' centres of dots whose normal the pictures tell.
+    diameter_mm : of the dots; None: from the ellipses.
     uncoded : give un-coded dots that several pictures see a number and measure them.
     critical_value : of the data snooping.
     num_threads : 0 = one a core.
     """
 
     recognition: RecognitionOptions = field(default_factory=RecognitionOptions)
+    cameras: tuple[str, ...] = ()
     f_px: float | None = None
     free: tuple[str, ...] | None = None
+    eccentricity: bool = True
     diameter_mm: float | None = None
     uncoded: bool = True
     critical_value: float = 4.0
@@ -107,6 +117,19 @@ def read_photographs(
     )
 
 
+def picture_by_name(
+    source: JoinedSource, names: Sequence[str]
+) -> Callable[[str], npt.NDArray[Any] | None]:
+    """Photographs by the names under which they were measured, for reports; None of others."""
+    index = {name: i for i, name in enumerate(names)}
+
+    @lru_cache(maxsize=4)
+    def picture(name: str) -> npt.NDArray[Any] | None:
+        return source.read(index[name]) if name in index else None
+
+    return picture
+
+
 def measure_target(
     photographs: Photographs,
     bars: Sequence[NamedScaleBar] = (),
@@ -136,8 +159,9 @@ def measure_target(
     options = options or TargetOptions()
     network = _network(photographs, bars, options)
     progress(0, 4, "orienting")
-    started = start_network(network, partial=True)
-    remarks = list(started.report.doubts)
+    started = start_network(network)
+    _check_placed(started.report)
+    remarks = list(dict.fromkeys(started.report.doubts))
     network = started.network
     progress(1, 4, "matching")
     if options.uncoded and (network.observations.point < 0).any():
@@ -153,6 +177,9 @@ def measure_target(
     how = NetworkOptions(estimate_floor=True, num_threads=options.num_threads)
     result = adjust_network(network, how)
     network = _placed(network, result, nominal)
+    if options.eccentricity:
+        result = adjust_network(network, replace(how, robust_start=False))
+        network = circles_of(network, result, _ellipses(photographs), options.diameter_mm)
     progress(3, 4, "adjusting")
     result = adjust_network(network, replace(how, robust_start=False))
     sides = two_sides(result)
@@ -166,6 +193,18 @@ def measure_target(
     progress(4, 4, "adjusting")
     result = replace(result, warnings=(*remarks, *result.warnings))
     return MeasuredTarget(photographs=photographs, network=network, result=result, sides=sides)
+
+
+def _check_placed(report: StartReport) -> None:
+    """CalibrationError if no network hangs together; two pictures alone check nothing."""
+    if len(report.placed) > 2 or not report.left_out:
+        return
+    lost = "; ".join(f"{name}: {reason}" for name, reason in report.left_out[:4])
+    raise CalibrationError(
+        f"only {len(report.placed)} photographs ({', '.join(report.placed)}) hang together. "
+        f"{lost}. Neighbouring photographs should share eight coded targets or more: take some in "
+        "between"
+    )
 
 
 def _network(
@@ -195,7 +234,6 @@ def _network(
         )
     all_cov = np.concatenate(cov)
     names = tuple(map(str, numbers))
-    diameter = np.full(len(names), options.diameter_mm or np.nan)
     return NetworkInput(
         cameras=cameras,
         images=tuple(
@@ -206,8 +244,6 @@ def _network(
             name=names,
             position_mm=np.full((len(names), 3), np.nan),
             kind=np.full(len(names), "free"),
-            normal=None,
-            diameter_mm=diameter if options.diameter_mm else None,
         ),
         observations=NetworkObservations(
             image=np.concatenate(image),
@@ -229,15 +265,18 @@ def _cameras(
     cameras: list[NetworkCamera] = []
     known: dict[object, int] = {}
     camera_of = []
-    for size, facts in zip(photographs.sizes_px, photographs.facts, strict=True):
-        key = (size, facts.body, facts.lens, facts.focal_mm)
+    for name, size, facts in zip(
+        photographs.names, photographs.sizes_px, photographs.facts, strict=True
+    ):
+        pattern = _pattern_of(name, options.cameras)
+        key = (size, pattern) if options.cameras else (size, facts.body, facts.lens, facts.focal_mm)
         if key not in known:
             known[key] = len(cameras)
             interior = np.zeros(len(INTERIOR_NAMES))
             interior[0] = options.f_px or facts.f_px(size) or np.nan
             cameras.append(
                 NetworkCamera(
-                    name=f"camera{len(cameras) + 1}",
+                    name=pattern or f"camera{len(cameras) + 1}",
                     image_size_px=size,
                     interior=interior,
                     r0_px=default_r0_px(size),
@@ -246,6 +285,19 @@ def _cameras(
             )
         camera_of.append(known[key])
     return tuple(cameras), camera_of
+
+
+def _pattern_of(name: str, patterns: Sequence[str]) -> str:
+    """The first pattern that a picture's name fits; empty without patterns."""
+    for pattern in patterns:
+        if fnmatch.fnmatch(name, pattern):
+            return pattern
+    if patterns:
+        raise TableError(
+            f"picture {name} fits none of the cameras' patterns ({', '.join(patterns)}): name a "
+            "pattern for it too"
+        )
+    return ""
 
 
 def _bars(
@@ -281,6 +333,16 @@ def _without_unknown(network: NetworkInput) -> NetworkInput:
             image=o.image[keep], point=o.point[keep], xy_px=o.xy_px[keep], cov_px2=o.cov_px2[keep]
         ),
     )
+
+
+def _ellipses(photographs: Photographs) -> dict[str, PictureEllipses]:
+    return {
+        name: PictureEllipses(
+            ellipse=np.column_stack([t.centre_px, t.semi_axes_px, t.angle_rad]),
+            cov=t.cov[:, 2:, 2:],
+        )
+        for name, t in zip(photographs.names, photographs.targets, strict=True)
+    }
 
 
 def _placed(

@@ -93,11 +93,22 @@ class InterfaceSection:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationSection:
-    """``[calibration]``: target and scale bars (CSV files) and how good the target is."""
+    """``[calibration]``: target and scale bars (CSV files), how good the target is, the start.
+
+    Without ``target``, ``scale_bars`` name targets of a waved bar (a wand): they and all
+    others are points of unknown place, but those of ``still``, which keep it at all stages.
+    ``time_offset``: estimate how late each camera is. ``rig``: an earlier rig.json whose
+    interior parameters are start values, and observed with their standard deviations if
+    ``hold_to_rig``.
+    """
 
     target: Path | None = None
     sigma_mm: float | None = None
     scale_bars: Path | None = None
+    still: tuple[int, ...] = ()
+    time_offset: bool = False
+    rig: Path | None = None
+    hold_to_rig: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -385,7 +396,13 @@ def _calibration(table: TomlTable, folder: Path) -> CalibrationSection:
         target=_file(table, "target", folder),
         sigma_mm=table.number("sigma_mm", None, above=0),
         scale_bars=_file(table, "scale_bars", folder),
+        still=table.integers("still", (), what="targets' numbers, like [101, 102]"),
+        time_offset=table.boolean("time_offset", False),
+        rig=_file(table, "rig", folder),
+        hold_to_rig=table.boolean("hold_to_rig", False),
     )
+    if section.hold_to_rig and section.rig is None:
+        raise table.error("hold_to_rig", 'needs the rig to be held to: rig = "rig.json"')
     table.finish()
     return section
 

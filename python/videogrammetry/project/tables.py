@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,9 +104,9 @@ def read_points(path: str | os.PathLike[str]) -> PointSet:
     ids = table.integers("id")
     if len(np.unique(ids)) < len(ids):  # "7" and "07"
         raise TableError(f"{table.path}: an id stands twice; every point has its own number")
-    cov_mm2 = _cov_of_sigmas(table)
+    cov_mm2, full = _cov_of_sigmas(table), None
     if table.has_values(POINT_SIGMAS[0]):
-        cov_mm2 = _full_covariance(Path(path).with_suffix(".npz"), ids, cov_mm2)
+        cov_mm2, full = _full_covariance(Path(path).with_suffix(".npz"), ids, cov_mm2)
     diameters = table.has_values("diameter_mm")
     return PointSet(
         id=ids,
@@ -117,6 +118,7 @@ def read_points(path: str | os.PathLike[str]) -> PointSet:
         )
         if diameters
         else None,
+        full_cov_mm2=full,
     )
 
 
@@ -150,15 +152,18 @@ def _normals(table: CsvTable) -> FloatArray:
     return np.asarray(normals / lengths[:, None])
 
 
-def _full_covariance(path: Path, ids: IntArray, cov: FloatArray | None) -> FloatArray | None:
-    """cov_mm2 of the ``.npz`` beside the table, if it is of these very points."""
+def _full_covariance(
+    path: Path, ids: IntArray, cov: FloatArray | None
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """cov_mm2 and full_cov_mm2 of the ``.npz`` beside the table, if it is of these very points."""
     if not path.is_file():
-        return cov
+        return cov, None
     try:
         with np.load(path, allow_pickle=False) as arrays:
             if "cov_mm2" not in arrays or "id" not in arrays:
-                return cov
+                return cov, None
             full_ids, full = arrays["id"], np.asarray(arrays["cov_mm2"], dtype=float)
+            joint = np.asarray(arrays["full_cov_mm2"]) if "full_cov_mm2" in arrays else None
     except (OSError, ValueError, EOFError) as error:
         raise TableError(
             f"{path}: damaged ({error}); write the points again, or delete this file to go on "
@@ -171,7 +176,12 @@ def _full_covariance(path: Path, ids: IntArray, cov: FloatArray | None) -> Float
             f"{path}: covariances of other points than those of the table beside it; "
             "delete the one that is out of date"
         )
-    return full
+    if joint is not None and joint.shape != (3 * len(ids), 3 * len(ids)):
+        raise TableError(
+            f"{path}: full_cov_mm2 has the shape {joint.shape}, not {(3 * len(ids),) * 2} of the "
+            "table's points; write both again"
+        )
+    return full, joint
 
 
 def write_points(path: str | os.PathLike[str], points: PointSet) -> None:
@@ -187,9 +197,13 @@ def write_points(path: str | os.PathLike[str], points: PointSet) -> None:
     if points.diameter_mm is not None:
         header.append("diameter_mm")
         columns.append(points.diameter_mm)
-    if points.cov_mm2 is not None and np.any(points.cov_mm2[:, [1, 2, 4]]):
+    joint = points.full_cov_mm2
+    if points.cov_mm2 is not None and (joint is not None or points.cov_mm2[:, [1, 2, 4]].any()):
+        arrays: dict[str, Any] = {"id": points.id, "cov_mm2": points.cov_mm2}
+        if joint is not None:
+            arrays["full_cov_mm2"] = joint
         with atomic_path(full) as beside:
-            np.savez(beside, id=points.id, cov_mm2=points.cov_mm2, order="xx,xy,xz,yy,yz,zz")
+            np.savez(beside, order="xx,xy,xz,yy,yz,zz", **arrays)
     write_csv(path, header, columns)
 
 

@@ -14,185 +14,135 @@ from typing import Any
 
 import numpy as np
 
+from videogrammetry.calibration.advice import advise
+from videogrammetry.calibration.quality import CameraQuality
+from videogrammetry.calibration.quality_of import quality_of_run
 from videogrammetry.calibration.run import CalibrationRun
 from videogrammetry.geometry import vector_from_rotation
-from videogrammetry.report.html import (
-    Cell,
-    count,
-    deviation,
-    escape,
-    facts,
-    figure,
-    number,
-    page,
-    table,
+from videogrammetry.report.camera_part import CAMERA_STYLE, CameraPart, Parameter, camera_card
+from videogrammetry.report.cutouts import CUTOUT_STYLE
+from videogrammetry.report.html import Cell, count, escape, facts, page, table
+from videogrammetry.report.quality_part import (
+    QUALITY_STYLE,
+    advice_card,
+    angles_table,
+    bars_table,
+    components_table,
+    reliability_table,
 )
-from videogrammetry.report.svg import coverage, histogram, residual_vectors
+from videogrammetry.report.space_view import SPACE_VIEW_STYLE, space_view_script
+from videogrammetry.report.station_view import STATION_STYLE
+from videogrammetry.report.target_view import StagePictures, target_cutouts, target_positions
 from videogrammetry.types import INTERIOR_NAMES, FloatArray
 
-UNITS = ("px", "px", "px", "px⁻²", "px⁻⁴", "px⁻⁶", "px⁻¹", "px⁻¹", "", "")
-#: Beyond these a reader should look closer; they decide nothing.
-LOOK_REJECTED_PART = 0.05
-LOOK_COVERAGE_PART = 0.5
-LOOK_PICTURES = 8
+#: Residuals of a camera beyond this many times the median camera's: look closer.
 LOOK_RMS_RATIO = 2.0
 
 _MOST_REJECTIONS = 300
 _MOST_PAIRS_OF = 6
 
 
-def calibration_report(run: CalibrationRun, title: str = "") -> str:
+def calibration_report(
+    run: CalibrationRun, title: str = "", pictures: StagePictures | None = None
+) -> str:
     """The page as text.
 
     Parameters
     ----------
     run : what ``calibrate`` gave.
     title : the project's name.
+    pictures : camera and stage -> grey values (height, width), or None where there is no
+        picture; for cut-outs around the worst observations.
     """
-    sections = [_Camera(run, index) for index in range(len(run.camera_names))]
+    quality = quality_of_run(run)
     name = title or "Camera calibration"
     body = (
         f"<header><h1>{escape(name)}</h1>"
         f'<p class="sub">Calibration of {len(run.camera_names)} cameras, method '
         f"{escape(run.method)}; frame of {escape(run.rig.reference or 'the first camera')}</p>"
         "</header>\n"
-        + _verdict(run, sections)
+        + _verdict(run)
         + _summary(run)
+        + advice_card(advise(quality))
         + "<h2>Cameras</h2>\n"
-        + "".join(section.html() for section in sections)
+        + "".join(_camera(run, camera, i) for i, camera in enumerate(quality.cameras))
+        + f'<h2>Where the target was</h2><div class="card">{target_positions(run)}'
+        + f"{angles_table(quality)}</div>\n"
         + _poses(run)
+        + f'<h2>Reliability and weights</h2><div class="card">{reliability_table(quality)}'
+        + f"{components_table(quality.components)}</div>\n"
+        + bars_table(run.bars, [str(number) for number in run.target.id])
         + _pictures(run)
-        + _rejected(run)
+        + _rejected(run, pictures)
         + _provenance(run)
+        + space_view_script()
     )
-    return page(f"{name}: calibration", body)
+    style = SPACE_VIEW_STYLE + STATION_STYLE + CAMERA_STYLE + QUALITY_STYLE + CUTOUT_STYLE
+    return page(f"{name}: calibration", body, style)
 
 
-class _Camera:
-    """What the page says of one camera."""
-
-    def __init__(self, run: CalibrationRun, index: int) -> None:
-        table_of_all = run.observations
-        mine = np.flatnonzero(table_of_all.camera == index)
-        self.name = run.camera_names[index]
-        self._run = run
-        self._camera = run.rig.cameras[self.name]
-        self._xy = table_of_all.xy_px[mine]
-        self._residual = table_of_all.residual_px[mine]
-        self._used = table_of_all.used[mine]
-        self._stage = table_of_all.stage[mine]
-        self._point = table_of_all.point_id[mine]
-        self.pictures = len(np.unique(self._stage[self._used]))
-        self.rms_px = run.camera_rms_px[self.name]
-        width, height = self._camera.image_size_px
-        cells = (8, max(1, round(8 * height / width)))
-        self._coverage, self.covered = coverage(
-            self._camera.image_size_px, self._xy, self._used, cells
-        )
-
-    def html(self) -> str:
-        """The camera's card."""
-        names = self._run.image_names
-        labels = [
-            f"{names.get((self.name, int(s)), f'stage {s}')}, point {p}"
-            for s, p in zip(self._stage, self._point, strict=True)
-        ]
-        width, height = self._camera.image_size_px
-        vectors = residual_vectors((width, height), self._xy, self._residual, self._used, labels)
-        rejected = int((~self._used).sum())
-        floor = self._run.rig.sigma_floor_px.get(self.name)
-        more = "" if floor is None else f", lens and flatness add {floor:.3f} px"
-        heading = (
-            f'<h2 class="wide" style="margin:0">{escape(self.name)}</h2><p class="note wide">'
-            f"{width} x {height} px, {self.pictures} pictures, {count(int(self._used.sum()))} "
-            f"points used, {rejected} rejected, RMS {self.rms_px:.4f} px a coordinate{more}</p>"
-        )
-        return (
-            f'<section class="card camera">{heading}'
-            + figure("Residuals over the picture", vectors)
-            + "<div>"
-            + figure(
-                "Residuals, both coordinates",
-                histogram(self._residual, self._used),
-                "Line: normal distribution of the same RMS.",
+def _camera(run: CalibrationRun, quality: CameraQuality, index: int) -> str:
+    """A camera's card."""
+    name, seen = run.camera_names[index], run.observations
+    camera = run.rig.cameras[name]
+    mine = np.flatnonzero(seen.camera == index)
+    labels = [
+        f"{run.image_names.get((name, int(s)), f'stage {s}')}, point {p}"
+        for s, p in zip(seen.stage[mine], seen.point_id[mine], strict=True)
+    ]
+    floor = run.rig.sigma_floor_px.get(name)
+    kept = run.parameters_kept[name]
+    parameters = []
+    for value, parameter in zip(camera.interior.tolist(), INTERIOR_NAMES, strict=True):
+        estimated = parameter in kept
+        sigma = camera.sigma.get(parameter) if estimated else None
+        parameters.append(
+            Parameter(
+                name=parameter, value=value, sigma=sigma,
+                significance=abs(value) / sigma if sigma else None,
+                why="estimated" if estimated else _why_not(run, name, parameter),
             )
-            + figure(
-                "Points used in each part of the picture",
-                self._coverage,
-                f"{100 * self.covered:.0f} % of the parts hold points; the lens is known there.",
-                style="narrow",
+        )  # fmt: skip
+    offset = run.rig.how.get("time_offset_stages", {}).get(name)
+    if offset is not None:
+        late = run.rig.how["sigma_time_offset_stages"][name]
+        parameters.append(
+            Parameter(
+                name="time_offset", value=offset, sigma=late or None,
+                significance=abs(offset) / late if late else None,
+                why="estimated: how late the camera is" if late else "the clock",
             )
-            + f'</div><div class="wide"><h3>Interior parameters</h3>{self._parameters()}</div>'
-            + "</section>\n"
+        )  # fmt: skip
+    return camera_card(
+        CameraPart(
+            quality=quality, rms_px=run.camera_rms_px[name], xy_px=seen.xy_px[mine],
+            residual_px=seen.residual_px[mine], used=seen.used[mine], labels=labels,
+            interior=(float(camera.interior[1]), float(camera.interior[2])), r0_px=camera.r0_px,
+            parameters=parameters, cameras=len(run.camera_names),
+            remark="" if floor is None else f", lens and flatness add {floor:.3f} px",
         )
-
-    def _parameters(self) -> str:
-        kept = self._run.parameters_kept[self.name]
-        rows: list[list[str | Cell]] = []
-        styles = []
-        for index, (name, unit) in enumerate(zip(INTERIOR_NAMES, UNITS, strict=True)):
-            value = float(self._camera.interior[index])
-            sigma = self._camera.sigma.get(name)
-            estimated = name in kept
-            ratio = abs(value) / sigma if estimated and sigma else None
-            rows.append(
-                [
-                    name,
-                    number(value, sigma if estimated else None),
-                    deviation(sigma) if estimated and sigma is not None else "",
-                    unit,
-                    _times(ratio),
-                    Cell("estimated" if estimated else self._why_not(name), "why"),
-                ]
-            )
-            styles.append("" if estimated else "off")
-        header: list[str | Cell] = [
-            "",
-            "value",
-            "std. dev.",
-            "unit",
-            "value / std. dev.",
-            Cell("", "l"),
-        ]
-        note = f'<p class="note">r0 = {number(self._camera.r0_px)} px, held fixed.</p>'
-        return table(header, rows, styles) + note
-
-    def _why_not(self, name: str) -> str:
-        for item in self._run.rejected:
-            mine = item.kind == "parameter" and item.camera in (self.name, "")
-            if mine and (item.image == name or re.search(rf"\b{name}\b", item.reason)):
-                return f"left out: {item.reason}"
-        return "held at its start value"
+    )  # fmt: skip
 
 
-def _times(ratio: float | None) -> str:
-    if ratio is None or not math.isfinite(ratio):
-        return ""
-    return f"{ratio:.1f}" if ratio < 100 else count(round(ratio))
+def _why_not(run: CalibrationRun, camera: str, parameter: str) -> str:
+    for item in run.rejected:
+        mine = item.kind == "parameter" and item.camera in (camera, "")
+        if mine and (item.image == parameter or re.search(rf"\b{parameter}\b", item.reason)):
+            return f"left out: {item.reason}"
+    return "held at its start value"
 
 
-def _verdict(run: CalibrationRun, sections: list[_Camera]) -> str:
+def _verdict(run: CalibrationRun) -> str:
     """One sentence on the whole, and what to look at."""
     points = len(run.observations)
     rejected = int((~run.observations.used).sum())
     reasons = list(run.warnings)
-    if points and rejected > LOOK_REJECTED_PART * points:
-        reasons.append(f"{100 * rejected / points:.0f} % of the points were rejected")
-    middle = float(np.median([s.rms_px for s in sections]))
-    for section in sections:
-        if section.covered < LOOK_COVERAGE_PART:
-            reasons.append(
-                f"camera {section.name}: points in only {100 * section.covered:.0f} % of the "
-                "picture; distortion is a guess elsewhere"
-            )
-        if section.pictures < LOOK_PICTURES:
-            reasons.append(
-                f"camera {section.name}: only {section.pictures} pictures, 8 to 24 are usual"
-            )
-        if section.rms_px > LOOK_RMS_RATIO * middle:
-            reasons.append(
-                f"camera {section.name}: residuals {section.rms_px / middle:.1f} times the median's"
-            )
+    middle = float(np.median(list(run.camera_rms_px.values())))
+    reasons += [
+        f"camera {name}: residuals {rms / middle:.1f} times the median's"
+        for name, rms in run.camera_rms_px.items()
+        if rms > LOOK_RMS_RATIO * middle
+    ]
     head = (
         f"Re-projection {run.rms_px:.4f} px RMS a coordinate; "
         f"{100 * rejected / max(1, points):.1f} % of {count(points)} points rejected."
@@ -200,7 +150,7 @@ def _verdict(run: CalibrationRun, sections: list[_Camera]) -> str:
     if not reasons:
         return (
             f'<div class="card verdict"><b>Nothing stands out.</b><p>{head} All cameras fit '
-            "alike, their pictures are covered.</p></div>\n"
+            "alike.</p></div>\n"
         )
     items = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
     return (
@@ -313,7 +263,7 @@ def _pictures(run: CalibrationRun) -> str:
     )
 
 
-def _rejected(run: CalibrationRun) -> str:
+def _rejected(run: CalibrationRun, pictures: StagePictures | None) -> str:
     """What was measured and not used, and why."""
     items = [item for item in run.rejected if item.kind != "parameter"]
     if not items:
@@ -328,6 +278,7 @@ def _rejected(run: CalibrationRun) -> str:
             Cell(item.image, "l"),
             "" if item.point_id is None else str(item.point_id),
             f"{item.value:.3g}" if math.isfinite(item.value) else "",
+            Cell("w" if item.kind == "observation" else "", "l"),
             Cell(item.reason, "why"),
         ]
         for item in items[:_MOST_REJECTIONS]
@@ -338,6 +289,7 @@ def _rejected(run: CalibrationRun) -> str:
         Cell("picture", "l"),
         "point",
         "value",
+        Cell("test", "l"),
         Cell("why", "l"),
     ]
     total = ", ".join(
@@ -346,7 +298,8 @@ def _rejected(run: CalibrationRun) -> str:
     rest = len(items) - len(rows)
     note = f'<p class="note">and {count(rest)} more</p>' if rest else ""
     return (
-        f'<h2>Rejected</h2><div class="card"><details{" open" if len(items) <= 40 else ""}>'
+        f'<h2>Rejected</h2><div class="card">{target_cutouts(run, pictures)}'
+        f"<details{' open' if len(items) <= 40 else ''}>"
         f"<summary>{escape(total)}</summary>{table(heads, rows)}{note}</details></div>\n"
     )
 

@@ -24,6 +24,8 @@
     const shows = (name) => { const box = find(name); return box !== null && box.checked; };
     const points = data.ids.length, stages = data.stages.length;
     const reference = data.reference;
+    // Points that stand still have values of their own, and neither stages nor displacements.
+    const still = data.values !== undefined;
     const state = { row: data.first, turn: VIEWS.free[0], tilt: VIEWS.free[1], zoom: 1, pan: [0, 0],
       playing: false, began: 0, from: 0, hover: -1, width: 1, height: 1 };
 
@@ -50,7 +52,7 @@
       return { middle, wide: Math.hypot(wide, deep) || 1, tall: tall || 1 };
     };
     const near = extent(false), far = extent(true);
-    let held = near;
+    let held = shows("cameras") ? far : near;
 
     // Orthographic: turned about the vertical, then tilted towards the viewer.
     const projector = () => {
@@ -109,12 +111,17 @@
       pen.fillStyle = "#c3cddc";
       pen.lineWidth = 1.2;
       pen.textAlign = "center";
+      const written = []; // a name that would stand on another is left out
       for (const camera of data.cameras) {
         const [apex, ...ring] = camera.corners;
         polyline(project, ring, true);
         for (const corner of ring) polyline(project, [apex, corner], false);
         const drawnAt = camera.corners.map(project);
-        pen.fillText(camera.name, drawnAt[0][0], Math.max(...drawnAt.map((c) => c[1])) + 15);
+        const x = drawnAt[0][0], y = Math.max(...drawnAt.map((c) => c[1])) + 15;
+        const half = pen.measureText(camera.name).width / 2 + 3;
+        if (written.some(([left, right, at]) => x + half > left && x - half < right && Math.abs(y - at) < 13)) continue;
+        written.push([x - half, x + half, y]);
+        pen.fillText(camera.name, x, y);
       }
     };
 
@@ -144,7 +151,7 @@
         const here = at(state.row, p);
         if (here === null) continue;
         const then = at(reference, p);
-        const way = then === null ? null : Math.hypot(here[0] - then[0], here[1] - then[1], here[2] - then[2]);
+        const way = still ? data.values[p] : then === null ? null : Math.hypot(here[0] - then[0], here[1] - then[1], here[2] - then[2]);
         const [x, y, depth] = project(here);
         drawn.push({ p, x, y, depth, way, then });
       }
@@ -164,9 +171,10 @@
           pen.globalAlpha = 1;
         }
         pen.beginPath();
-        pen.arc(dot.x, dot.y, dot.p === state.hover ? 6 : 4, 0, 2 * Math.PI);
+        pen.arc(dot.x, dot.y, dot.p === state.hover ? 6 : still ? data.radius : 4, 0, 2 * Math.PI);
         pen.fillStyle = colour;
         pen.fill();
+        if (still) continue;
         pen.lineWidth = 0.9;
         pen.strokeStyle = "#dfe6ee";
         pen.stroke();
@@ -192,8 +200,8 @@
       }
       const dot = drawn.find((one) => one.p === state.hover);
       if (dot === undefined) return;
-      const way = dot.way === null ? "" : `, ${(dot.way / 100).toFixed(2)} mm`;
-      const words = `point ${data.ids[dot.p]}${way}`, wide = pen.measureText(words).width + 12;
+      const way = dot.way === null ? "" : still ? (data.unit ? `, ${dot.way} ${data.unit}` : "") : `, ${(dot.way / 100).toFixed(2)} mm`;
+      const words = `${still ? "" : "point "}${data.ids[dot.p]}${way}`, wide = pen.measureText(words).width + 12;
       const x = dot.x + 10 + wide > state.width ? dot.x - 10 - wide : dot.x + 10, y = dot.y - 28;
       pen.fillStyle = "#2a3340";
       pen.fillRect(x, y, wide, 21);
@@ -210,8 +218,8 @@
       });
       pen.fillStyle = "#e6ebf2";
       text("0", left, top + 23, "left");
-      text(`${(data.largest / 100).toFixed(1)} mm`, left + width, top + 23, "right");
-      text(`displacement since stage ${data.stages[reference]}`, left, top - 7, "left");
+      text(still ? `${data.largest}` : `${(data.largest / 100).toFixed(1)} mm`, left + width, top + 23, "right");
+      text(still ? data.legend : `displacement since stage ${data.stages[reference]}`, left, top - 7, "left");
       let length = 10 ** Math.floor(Math.log10(state.width / 5 / scale));
       const wanted = state.width / 5 / scale;
       length *= wanted >= 5 * length ? 5 : wanted >= 2 * length ? 2 : 1;
@@ -241,6 +249,7 @@
       drawPoints(project);
       drawNames();
       drawLegend(scale);
+      if (still) return;
       const time = data.times[state.row];
       readout.textContent = `stage ${data.stages[state.row]}` + (time === null ? "" : `, ${time.toFixed(1)} ms`);
     };
@@ -307,12 +316,14 @@
     }, { passive: false });
     canvas.addEventListener("keydown", (event) => {
       const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-      if (by === undefined) return;
+      if (by === undefined || still) return;
       event.preventDefault();
       show(Math.min(Math.max(state.row + by, 0), stages - 1));
     });
-    slider.addEventListener("input", () => { play(false); show(Number(slider.value)); });
-    playButton.addEventListener("click", () => play(!state.playing));
+    if (!still) {
+      slider.addEventListener("input", () => { play(false); show(Number(slider.value)); });
+      playButton.addEventListener("click", () => play(!state.playing));
+    }
     for (const box of root.querySelectorAll("input[type='checkbox']")) {
       box.addEventListener("change", () => {
         held = shows("cameras") ? far : near;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -60,9 +61,6 @@ def interactive_view(
         If the stage was not measured.
     """
     data = view_data(measurement, stage, scene or Scene(), rig, stages_per_second)
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-    for mark, code in (("<", "\\u003c"), (">", "\\u003e"), ("&", "\\u0026")):
-        text = text.replace(mark, code)
     last = max(0, len(data["stages"]) - 1)
     boxes = [("rays", "rays", True), ("trails", "trails", False), ("ids", "numbers", True)]
     boxes += [("cameras", "cameras", False)] if data["cameras"] else []
@@ -71,19 +69,31 @@ def interactive_view(
         f"{escape(label)}</label>"
         for name, label, on in boxes
     )
-    buttons = "".join(
-        f'<button type="button" data-view="{view}">{view}</button>'
-        for view in ("front", "right", "top", "free")
-    )
     return (
         '<div class="space-view"><canvas tabindex="0" role="img" aria-label="Measured points in '
         'space with their displacement; arrow keys change the stage"></canvas>'
         "<noscript><p>This view needs JavaScript; the figures around it do not.</p></noscript>"
         '<div class="bar"><button type="button" data-is="play">Play</button>'
         f'<input type="range" min="0" max="{last}" value="{data["first"]}" data-is="stage" '
-        f'aria-label="stage"/><output data-is="readout"></output>{checks}{buttons}</div>'
-        f'<script type="application/json">{text}</script></div>\n'
+        f'aria-label="stage"/><output data-is="readout"></output>{checks}{view_buttons()}</div>'
+        f"{embedded(data)}</div>\n"
     )
+
+
+def view_buttons() -> str:
+    """Buttons for the directions of view."""
+    return "".join(
+        f'<button type="button" data-view="{view}">{view}</button>'
+        for view in ("front", "right", "top", "free")
+    )
+
+
+def embedded(data: Mapping[str, Any]) -> str:
+    """A view's data as an element that the script reads."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    for mark, code in (("<", "\\u003c"), (">", "\\u003e"), ("&", "\\u0026")):
+        text = text.replace(mark, code)
+    return f'<script type="application/json">{text}</script>'
 
 
 @cache

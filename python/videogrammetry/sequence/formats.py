@@ -12,11 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from videogrammetry.errors import SequenceError
-from videogrammetry.sequence import mraw, pgm, raster, tiff
+from videogrammetry.sequence import cine, mraw, pgm, raster, tiff
 from videogrammetry.types import FrameSource
 
 _OPENERS: dict[str, Callable[[Path], FrameSource]] = {
-    suffix: module.open_file for module in (tiff, raster, pgm, mraw) for suffix in module.SUFFIXES
+    suffix: module.open_file
+    for module in (tiff, raster, pgm, mraw, cine)
+    for suffix in module.SUFFIXES
 }
 
 

@@ -12,10 +12,12 @@ struct State {
   Eigen::Vector3d point;
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double radius_mm = 0;
+  Sampling sampling{0.03, 0.4, {2.0, -5.0}};
 };
 
 Eigen::Vector2d Predict(const State& s) {
-  return *PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm});
+  return *PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm},
+                            s.sampling);
 }
 
 Rigid3 Moved(const Rigid3& pose, int k, double step) {
@@ -62,8 +64,8 @@ void CheckJacobians(double radius_mm) {
       s.camera.interior.segment<5>(kA1).setZero();
     }
     ImagePointJacobians j;
-    ASSERT_TRUE(
-        PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm}, {}, &j))
+    ASSERT_TRUE(PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm},
+                                  s.sampling, &j))
         << "seed " << seed;
     const InteriorVector scale = InteriorScale(s.camera);
     const std::string name = "seed " + std::to_string(seed) + " ";
@@ -77,6 +79,18 @@ void CheckJacobians(double radius_mm) {
       const double h = scale[k] * (k <= kY0 ? 1.0 : 1e-3);
       ExpectClose(j.by_camera.col(k), Numerical(change, h), name + kInteriorNames[k]);
     }
+    auto aspect = [&](double h) {
+      State t = s;
+      t.sampling.aspect += h;
+      return Predict(t);
+    };
+    auto time_offset = [&](double h) {
+      State t = s;
+      t.sampling.time_offset += h;
+      return Predict(t);
+    };
+    ExpectClose(j.by_camera.col(kAspect), Numerical(aspect, 1e-3), name + "aspect");
+    ExpectClose(j.by_camera.col(kTimeOffset), Numerical(time_offset, 0.1), name + "time offset");
     for (int k = 0; k < 6; ++k) {
       const double h = k < 3 ? 1e-3 : 1.0;
       auto outer = [&](double step) {
@@ -106,6 +120,20 @@ void CheckJacobians(double radius_mm) {
 TEST(ObservationModel, JacobiansEqualDifferences) { CheckJacobians(0); }
 
 TEST(ObservationModel, JacobiansOfCirclesEqualDifferences) { CheckJacobians(40); }
+
+// Pixels twice as high as wide: half as many rows from the principal point, and a point
+// that moves by 4 px between pictures is 1 px further after a quarter of that time.
+TEST(ObservationModel, SamplingByHand) {
+  const Camera camera = synthetic::MakeCamera(2000);
+  const Rigid3 inner{Eigen::Matrix3d::Identity(), {10, 20, 2000}};
+  const Circle mark{{50, -230, 10}};
+  const auto square = PredictImagePoint(camera, nullptr, inner, mark);
+  const auto high = PredictImagePoint(camera, nullptr, inner, mark, {1.0, 0.25, {4.0, 0.0}});
+  ASSERT_TRUE(square && high);
+  const double centre = camera.principal_point_px().y();
+  EXPECT_DOUBLE_EQ(high->x(), square->x() + 1.0);
+  EXPECT_DOUBLE_EQ(high->y() - centre, 0.5 * (square->y() - centre));
+}
 
 TEST(ObservationModel, WithoutOuterPoseIsIdentity) {
   const Camera camera = synthetic::MakeCamera(2000);

@@ -65,7 +65,7 @@ def test_the_files(run: Run, tmp_path: Path) -> None:
     assert {row["used"] for row in residuals} <= {"0", "1"}
     assert len(rows(out / "scale_bars.csv")) == 2
     page = (out / "report.html").read_text()
-    assert "Camera hand" in page
+    assert ">hand</h2>" in page
     assert "src=" not in page
 
 

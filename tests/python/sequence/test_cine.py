@@ -1,0 +1,189 @@
+"""Phantom recordings: samples, orientation, headers, and files that are not whole."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+
+from videogrammetry.errors import SequenceError
+from videogrammetry.recognition import RecognitionOptions, recognize
+from videogrammetry.sequence import open_sequence
+from videogrammetry.sequence.cine import unpack_10bit
+from videogrammetry.sequence.cine_table import LINEAR_12BIT
+from videogrammetry.sequence.packing import pack_12bit
+
+SETUP_BYTES = 1700
+
+
+def write_cine(path, frames, bits, *, packing=0, first=-3, cfa=0, compression=0, height=None):
+    """A cine file of samples that are already stored bytes, one array a frame."""
+    shape = frames[0][1]
+    setup = bytearray(SETUP_BYTES)
+    setup[140:142] = b"ST"
+    for at, value in ((743, 4711), (768, 5000), (772, 100), (780, 50), (808, cfa), (896, bits),
+                      (1568, 99_500)):  # fmt: skip
+        struct.pack_into("<I", setup, at, value)
+    struct.pack_into("<H", setup, 142, SETUP_BYTES)
+    at_bitmap = 44
+    at_setup = at_bitmap + 40
+    at_offsets = at_setup + SETUP_BYTES
+    stored = 8 if bits <= 8 else 16
+    data = bytearray(
+        struct.pack("<2s3HiIiI3I2I", b"CI", 44, compression, 1, first, len(frames), first,
+                    len(frames), at_bitmap, at_setup, at_offsets, 1 << 31, 1_700_000_000)
+    )  # fmt: skip
+    size = len(frames[0][0])
+    data += struct.pack("<IiiHHIIiiII", 40, shape[1], height or shape[0], 1, stored, packing, size,
+                        0, 0, 0, 0)  # fmt: skip
+    data += setup
+    place = at_offsets + 8 * len(frames)
+    for samples, _ in frames:
+        data += struct.pack("<Q", place)
+        place += 8 + len(samples)
+    for samples, _ in frames:
+        data += struct.pack("<II", 8, len(samples)) + samples
+    path.write_bytes(data)
+    return path
+
+
+def pictures(bits, count=3, shape=(24, 32)):
+    rng = np.random.default_rng(bits)
+    kind = np.uint8 if bits == 8 else np.uint16
+    return [rng.integers(0, 2**bits, shape).astype(kind) for _ in range(count)]
+
+
+def pack_10bit(samples):
+    bits = np.unpackbits(samples.astype(">u2").view(np.uint8).reshape(-1, 2), axis=1)[:, 6:]
+    return np.packbits(bits.reshape(-1)).tobytes()
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_plain_samples_stand_upright_and_are_not_copied(tmp_path, bits):
+    wanted = pictures(bits)
+    path = write_cine(
+        tmp_path / "a.cine", [(p[::-1].tobytes(), p.shape) for p in wanted], min(bits, 12)
+    )
+    source = open_sequence([path])
+    for k, picture in enumerate(wanted):
+        np.testing.assert_array_equal(source.read(k), picture)
+    assert not source.read(0).flags.owndata
+
+
+def test_a_negative_height_means_from_the_top_down(tmp_path):
+    wanted = pictures(8, 1)[0]
+    path = write_cine(tmp_path / "a.cine", [(wanted.tobytes(), wanted.shape)], 8, height=-24)
+    np.testing.assert_array_equal(open_sequence([path]).read(0), wanted)
+
+
+def test_packed_12_bit_is_read_and_recognised_where_it_stands(tmp_path):
+    wanted = pictures(12)
+    stored = [(pack_12bit(p.reshape(-1)).tobytes(), p.shape) for p in wanted]
+    source = open_sequence([write_cine(tmp_path / "a.cine", stored, 12, packing=1024)])
+    for k, picture in enumerate(wanted):
+        np.testing.assert_array_equal(source.read(k), picture)
+    packed = source.packed(1)
+    assert packed is not None
+    assert packed.shape == (24, 32)
+    assert bytes(packed.data) == stored[1][0]
+    recognize(source.read(0), RecognitionOptions(codes="none"))
+
+
+def test_packed_10_bit_goes_through_the_cameras_table(tmp_path):
+    wanted = pictures(10)
+    stored = [(pack_10bit(p), p.shape) for p in wanted]
+    source = open_sequence([write_cine(tmp_path / "a.cine", stored, 10, packing=256)])
+    np.testing.assert_array_equal(source.read(2), LINEAR_12BIT[wanted[2]])
+    assert source.bit_depth == 12
+    np.testing.assert_array_equal(
+        unpack_10bit(np.frombuffer(stored[0][0], np.uint8), (24, 32)), wanted[0]
+    )
+
+
+def test_the_table_rises_and_reaches_all_of_twelve_bits():
+    assert len(LINEAR_12BIT) == 1024
+    assert (np.diff(LINEAR_12BIT.astype(int)) >= 0).all()
+    assert (LINEAR_12BIT[0], LINEAR_12BIT[-1]) == (2, 4095)
+
+
+def test_rate_exposure_trigger_and_serial_come_out_of_the_file(tmp_path):
+    picture = pictures(8, 1)[0]
+    source = open_sequence([write_cine(tmp_path / "a.cine", [(picture.tobytes(), (24, 32))], 8)])
+    assert source.frame_rate_hz == 5000.0
+    assert source.exposure_s == pytest.approx(99.5e-6)
+    assert "serial 4711" in source.origin
+    assert "2023-11-14 22:13:20.500000" in source.origin
+    assert "frames -3 to -3 from the trigger" in source.origin
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d[:30], "does not begin with CI"),
+        (lambda d: b"XX" + d[2:], "does not begin with CI"),
+        (lambda d: d[:1000], "cut short|cut off"),
+        (lambda d: d[:-100], "frame 3 of 3 reaches beyond|cut short"),
+        (lambda d: d[: len(d) // 2], "begins beyond|reaches beyond"),
+    ],
+)
+def test_a_file_that_is_not_whole_is_refused(tmp_path, change, message):
+    stored = [(p.tobytes(), p.shape) for p in pictures(8)]
+    path = write_cine(tmp_path / "a.cine", stored, 8)
+    path.write_bytes(change(path.read_bytes()))
+    with pytest.raises(SequenceError, match=message):
+        open_sequence([path])
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ({"cfa": 3}, "colour recording"),
+        ({"compression": 2}, "colour recording"),
+        ({"compression": 1}, "JPEG"),
+        ({"packing": 7}, "biCompression 7"),
+    ],
+)
+def test_what_cannot_be_measured_in_is_refused_with_a_reason(tmp_path, kind, message):
+    stored = [(p.tobytes(), p.shape) for p in pictures(8)]
+    with pytest.raises(SequenceError, match=message):
+        open_sequence([write_cine(tmp_path / "a.cine", stored, 8, **kind)])
+
+
+def test_damaged_headers_never_end_in_anything_but_a_message(tmp_path):
+    stored = [(p.tobytes(), p.shape) for p in pictures(16)]
+    whole = bytearray(write_cine(tmp_path / "a.cine", stored, 12).read_bytes())
+    rng = np.random.default_rng(0)
+    for trial in range(300):
+        damaged = bytearray(whole)
+        for at in rng.integers(0, 1810, 4):
+            damaged[at] = rng.integers(256)
+        path = tmp_path / f"d{trial}.cine"
+        path.write_bytes(damaged)
+        try:
+            source = open_sequence([path])
+            for k in range(min(len(source), 4)):
+                source.read(k)
+        except SequenceError:
+            pass
+        path.unlink()
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["packed_12bpp", "phantom_v1610", "phantom_v7_raw_16bpp"])
+@pytest.mark.parametrize("frame", [0, 5])
+def test_real_recordings_equal_another_programs_frames(data, name, frame):
+    folder = data / "high-speed"
+    gold = folder / "gold" / f"{name}_{frame}.rawi"
+    width, height, _ = np.fromfile(gold, "<u4", 3)
+    other = np.fromfile(gold, "<f4", offset=12).reshape(height, width)
+    source = open_sequence([folder / f"{name}.cine"])
+    # The other program scales to 255; single precision rounds in the seventh digit.
+    scale = 255.0 / (2**source.bit_depth - 1)
+    np.testing.assert_allclose(scale * source.read(frame), other, rtol=3e-7)
+
+
+@pytest.mark.data
+def test_a_colour_recording_is_refused(data):
+    with pytest.raises(SequenceError, match="colour recording"):
+        open_sequence([data / "high-speed" / "invalid_color.cine"])

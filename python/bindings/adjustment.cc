@@ -37,6 +37,15 @@ int AddCamera(Network& n, const std::string& name, const Camera& camera, const C
   return static_cast<int>(n.cameras.size()) - 1;
 }
 
+int AddInterface(Network& n, const std::string& name, const FlatInterface& nominal,
+                 const std::array<bool, kNumInterfaceUnknowns>& free,
+                 const Eigen::Vector3d& prior_sigma) {
+  NetworkInterface window{name, nominal, free, prior_sigma};
+  window.distance_mm = nominal.distance_mm;
+  n.interfaces.push_back(window);
+  return static_cast<int>(n.interfaces.size()) - 1;
+}
+
 int AddPose(Network& n, const std::string& name, const Eigen::Matrix3d& rotation,
             const Eigen::Vector3d& translation_mm, bool free) {
   n.poses.push_back({name, {rotation, translation_mm}, free});
@@ -203,6 +212,23 @@ void BindNetwork(py::module_& m) {
       .def(py::init<>())
       .def("add_camera", &AddCamera, "name"_a, "camera"_a, "free"_a, "start"_a, "prior_sigma"_a,
            "floor_px"_a, "aspect"_a, "time_offset"_a)
+      .def("add_interface", &AddInterface, "name"_a, "nominal"_a, "free"_a, "prior_sigma"_a)
+      .def("set_interface",
+           [](Network& n, int camera, int interface) {
+             n.cameras.at(static_cast<std::size_t>(camera)).interface = interface;
+           })
+      .def("interface",
+           [](const Network& n, int i) {
+             return n.interfaces.at(static_cast<std::size_t>(i)).surface();
+           })
+      .def("interface_values",
+           [](const Network& n, int i) {
+             return n.interfaces.at(static_cast<std::size_t>(i)).values();
+           })
+      .def("interface_tangents",
+           [](const Network& n, int i) {
+             return n.interfaces.at(static_cast<std::size_t>(i)).Tangents();
+           })
       .def("add_pose", &AddPose, "name"_a, "rotation"_a, "translation_mm"_a, "free"_a)
       .def("add_image", &AddImage, "name"_a, "camera"_a, "outer"_a, "inner"_a)
       .def("set_points", &SetPoints, "id"_a, "position_mm"_a, "cov_mm2"_a, "kind"_a)
@@ -311,6 +337,8 @@ void BindAdjust(py::module_& m) {
            [](const Dispersion& d, const Network& n) { return UnknownNames(n, d.index()); })
       .def_property_readonly("camera_index", [](const Dispersion& d) { return d.index().camera; })
       .def_property_readonly("pose_index", [](const Dispersion& d) { return d.index().pose; })
+      .def_property_readonly("interface_index",
+                             [](const Dispersion& d) { return d.index().interface; })
       .def_property_readonly("point_index", [](const Dispersion& d) { return d.index().point; })
       .def_property_readonly("redundancy", &Dispersion::redundancy)
       .def_property_readonly("num_reduced", &Dispersion::num_reduced)

@@ -4,6 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <limits>
+#include <optional>
 
 #include "bindings.h"
 #include "videogrammetry/geometry/camera.h"
@@ -148,8 +149,88 @@ void BindRemap(py::module_& m) {
 
 }  // namespace
 
+/// The points (N, 3) of the surface through which points are seen; NaN where there is none.
+Rows<3> SeenThroughMany(const FlatInterface& interface, const Eigen::Ref<const Rows<3>>& points_mm,
+                        const Eigen::Vector3d& center_mm) {
+  Rows<3> seen(points_mm.rows(), 3);
+  for (Eigen::Index i = 0; i < points_mm.rows(); ++i) {
+    const auto point = SeenThrough(interface, points_mm.row(i).transpose(), center_mm);
+    seen.row(i) = point ? point->transpose() : Eigen::RowVector3d(kNan, kNan, kNan);
+  }
+  return seen;
+}
+
+/// Pictures (N, 2) of points of the world's frame; NaN where there is none.
+Rows<2> ProjectOriented(const OrientedCamera& camera,
+                        const Eigen::Ref<const Rows<3>>& points_in_world) {
+  Rows<2> pixels(points_in_world.rows(), 2);
+  for (Eigen::Index i = 0; i < points_in_world.rows(); ++i) {
+    const auto pixel = ProjectFromWorld(camera, points_in_world.row(i).transpose());
+    pixels.row(i) = pixel ? pixel->transpose() : Eigen::RowVector2d(kNan, kNan);
+  }
+  return pixels;
+}
+
+/// Pictures (N, 2), by the point (N, 2, 3), by the camera (N, 2, 16).
+py::tuple ProjectOrientedWithJacobians(const OrientedCamera& camera,
+                                       const Eigen::Ref<const Rows<3>>& points_in_world) {
+  const Eigen::Index n = points_in_world.rows();
+  Rows<2> pixels = Rows<2>::Constant(n, 2, kNan);
+  py::array_t<double> by_point({n, Eigen::Index{2}, Eigen::Index{3}});
+  py::array_t<double> by_camera({n, Eigen::Index{2}, Eigen::Index{kNumCameraParameters}});
+  std::fill_n(by_point.mutable_data(), by_point.size(), kNan);
+  std::fill_n(by_camera.mutable_data(), by_camera.size(), kNan);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    OrientedJacobians j;
+    const auto pixel = ProjectFromWorld(camera, points_in_world.row(i).transpose(), &j);
+    if (!pixel) continue;
+    pixels.row(i) = pixel->transpose();
+    Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>(by_point.mutable_data(i, 0, 0)) =
+        j.by_point;
+    Eigen::Map<Eigen::Matrix<double, 2, kNumCameraParameters, Eigen::RowMajor>>(
+        by_camera.mutable_data(i, 0, 0)) = j.by_camera;
+  }
+  return py::make_tuple(pixels, by_point, by_camera);
+}
+
+/// Origins and unit directions (N, 3) of the rays through pixels, in the world's frame.
+py::tuple OrientedRays(const OrientedCamera& camera, const Eigen::Ref<const Rows<2>>& pixels) {
+  Rows<3> origin = Rows<3>::Constant(pixels.rows(), 3, kNan), direction = origin;
+  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+    const auto ray = RayFromPixel(camera, pixels.row(i).transpose());
+    if (!ray) continue;
+    origin.row(i) = ray->origin_mm.transpose();
+    direction.row(i) = ray->direction.transpose();
+  }
+  return py::make_tuple(origin, direction);
+}
+
+void BindRefraction(py::module_& m) {
+  py::class_<FlatInterface>(m, "FlatInterface")
+      .def(py::init([](const Eigen::Vector3d& normal, double distance_mm, double fluid_index,
+                       double glass_index, double glass_thickness_mm) {
+             const FlatInterface interface{normal, distance_mm, fluid_index, glass_index,
+                                           glass_thickness_mm};
+             interface.Check("interface");
+             return interface;
+           }),
+           "normal"_a, "distance_mm"_a, "fluid_index"_a, "glass_index"_a, "glass_thickness_mm"_a)
+      .def_readonly("normal", &FlatInterface::normal)
+      .def_readonly("distance_mm", &FlatInterface::distance_mm)
+      .def_readonly("fluid_index", &FlatInterface::fluid_index)
+      .def_readonly("glass_index", &FlatInterface::glass_index)
+      .def_readonly("glass_thickness_mm", &FlatInterface::glass_thickness_mm);
+  m.def("seen_through", &SeenThroughMany, "interface"_a, "points_mm"_a, "center_mm"_a);
+  m.def("project_from_world", &ProjectOriented, "camera"_a, "points_in_world"_a,
+        py::call_guard<py::gil_scoped_release>());
+  m.def("project_from_world_with_jacobians", &ProjectOrientedWithJacobians, "camera"_a,
+        "points_in_world"_a);
+  m.def("rays_from_pixels", &OrientedRays, "camera"_a, "pixels"_a);
+}
+
 void BindGeometry(py::module_& parent) {
   py::module_ m = parent.def_submodule("geometry");
+  BindRefraction(m);
   py::class_<Camera>(m, "Camera")
       .def(py::init([](int width_px, int height_px,
                        const Eigen::Matrix<double, kNumInterior, 1>& interior, double r0_px,
@@ -167,10 +248,11 @@ void BindGeometry(py::module_& parent) {
       });
   py::class_<OrientedCamera>(m, "OrientedCamera")
       .def(py::init([](const Camera& camera, const Eigen::Matrix3d& rotation,
-                       const Eigen::Vector3d& translation_mm) {
-             return OrientedCamera{camera, Rigid3{rotation, translation_mm}};
+                       const Eigen::Vector3d& translation_mm,
+                       const std::optional<FlatInterface>& interface) {
+             return OrientedCamera{camera, Rigid3{rotation, translation_mm}, interface};
            }),
-           "camera"_a, "rotation"_a, "translation_mm"_a);
+           "camera"_a, "rotation"_a, "translation_mm"_a, "interface"_a = std::nullopt);
   m.def("default_r0_px", &DefaultR0Px, "width_px"_a, "height_px"_a);
   m.def("project", &ProjectPoints, "camera"_a, "points_in_cam"_a,
         py::call_guard<py::gil_scoped_release>());

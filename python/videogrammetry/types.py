@@ -213,6 +213,30 @@ class Observations:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlatInterface:
+    """A flat window between the cameras' air and a fluid: plane normal . X = distance_mm.
+
+    Attributes
+    ----------
+    name : cameras that look through the same window name the same.
+    normal : (3,) unit, pointing to the cameras, in the frame of the rig.
+    distance_mm : of the window's face on the cameras' side from the frame's origin,
+        along the normal.
+    fluid_index, glass_index : refractive indices over that of air.
+    glass_thickness_mm : 0 = no glass (or as thin as not to matter).
+    sigma : "tilt_1", "tilt_2" (rad), "distance" (mm) -> standard deviation, where estimated.
+    """
+
+    name: str = "window"
+    normal: FloatArray
+    distance_mm: float
+    fluid_index: float = 1.333
+    glass_index: float = 1.0
+    glass_thickness_mm: float = 0.0
+    sigma: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
 class RigCamera:
     """One camera of a rig: interior parameters and exterior orientation.
 
@@ -221,6 +245,7 @@ class RigCamera:
     paper's direction) or of the ideal point. ``sigma`` maps a parameter's name
     (also ``rx, ry, rz`` in rad, ``tx, ty, tz`` in mm) to its standard deviation;
     a rotation's is of the rotation vector applied on the left of cam_from_world.
+    ``interface`` is the window through which the camera looks into a fluid, if any.
     """
 
     image_size_px: tuple[int, int]
@@ -230,6 +255,7 @@ class RigCamera:
     translation_mm: FloatArray
     measured: bool = True
     sigma: Mapping[str, float] = field(default_factory=dict)
+    interface: FlatInterface | None = None
 
     @property
     def centre_mm(self) -> FloatArray:

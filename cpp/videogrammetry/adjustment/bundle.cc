@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <memory>
+#include <optional>
 
 #include "videogrammetry/adjustment/datum.h"
 #include "videogrammetry/adjustment/elimination.h"
@@ -63,23 +64,25 @@ class PoseManifold : public ceres::Manifold {
 };
 
 /// Whitened residual measured - predicted; blocks: camera (in units of
-/// CameraScale), [outer pose,] inner pose, point.
+/// CameraScale), [outer pose,] inner pose, point[, window].
 class ImagePointCost : public ceres::CostFunction {
  public:
   ImagePointCost(const Camera& camera, const NetworkObservation& o, const Circle& mark,
-                 const Eigen::Matrix2d& cov, bool has_outer)
+                 const Eigen::Matrix2d& cov, bool has_outer, const NetworkInterface* window)
       : camera_(camera),
         scale_(CameraScale(camera)),
         mark_(mark),
         xy_px_(o.xy_px),
         velocity_px_(o.velocity_px),
         has_outer_(has_outer) {
+    if (window != nullptr) window_ = *window;
     whiten_ = Eigen::Matrix2d::Identity();
     cov.llt().matrixL().solveInPlace(whiten_);
     set_num_residuals(2);
     auto* sizes = mutable_parameter_block_sizes();
     *sizes = has_outer ? std::vector<int32_t>{kNumCameraUnknowns, kPoseSize, kPoseSize, 3}
                        : std::vector<int32_t>{kNumCameraUnknowns, kPoseSize, 3};
+    if (window != nullptr) sizes->push_back(kNumInterfaceUnknowns);
   }
 
   bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
@@ -91,10 +94,18 @@ class ImagePointCost : public ceres::CostFunction {
     const int inner = has_outer_ ? 2 : 1;
     Circle mark = mark_;
     mark.center_mm = As<Eigen::Vector3d>(x[inner + 1]);
+    FlatInterface surface;
+    Eigen::Matrix<double, 3, 2> normal_by_tilt;
+    if (window_) {
+      NetworkInterface window = *window_;
+      window.set_values(As<Eigen::Vector3d>(x[inner + 2]));
+      surface = window.surface(&normal_by_tilt);
+    }
     ImagePointJacobians j;
-    const auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]),
-                                         mark, {values[kAspect], values[kTimeOffset], velocity_px_},
-                                         jacobians != nullptr ? &j : nullptr);
+    const auto pixel =
+        PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]), mark,
+                          {values[kAspect], values[kTimeOffset], velocity_px_},
+                          jacobians != nullptr ? &j : nullptr, window_ ? &surface : nullptr);
     if (!pixel) return false;
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
@@ -107,6 +118,12 @@ class ImagePointCost : public ceres::CostFunction {
     if (jacobians[inner + 1] != nullptr) {
       As<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>(jacobians[inner + 1]) =
           -whiten_ * j.by_point;
+    }
+    if (window_ && jacobians[inner + 2] != nullptr) {
+      Eigen::Matrix<double, 2, kNumInterfaceUnknowns> by_interface;
+      by_interface << j.by_normal * normal_by_tilt, j.by_distance;
+      As<Eigen::Matrix<double, 2, kNumInterfaceUnknowns, Eigen::RowMajor>>(jacobians[inner + 2]) =
+          -whiten_ * by_interface;
     }
     return true;
   }
@@ -125,6 +142,7 @@ class ImagePointCost : public ceres::CostFunction {
   Eigen::Vector2d velocity_px_;
   Eigen::Matrix2d whiten_;
   bool has_outer_;
+  std::optional<NetworkInterface> window_;  // its tilts and distance are unknowns
 };
 
 /// Whitened residual of an observed block: W (prior - x).
@@ -204,6 +222,7 @@ class PriorBlockCost : public ceres::CostFunction {
 struct Blocks {
   std::vector<CameraVector> camera;
   std::vector<Eigen::Matrix<double, kPoseSize, 1>> pose;
+  std::vector<Eigen::Vector3d> interface;
   std::vector<Eigen::Vector3d> point;
 
   explicit Blocks(const Network& network) {
@@ -215,6 +234,7 @@ struct Blocks {
       pose.back() << As<Eigen::Matrix<double, 9, 1>>(p.transform.rotation.data()),
           p.transform.translation_mm;
     }
+    for (const NetworkInterface& i : network.interfaces) interface.push_back(i.values());
     for (const NetworkPoint& p : network.points) point.push_back(p.position_mm);
   }
 
@@ -228,6 +248,9 @@ struct Blocks {
       Rigid3 transform = PoseFrom(pose[i].data());
       transform.rotation = NearestRotation(transform.rotation);  // rounding of many small turns
       network->poses[i].transform = transform;
+    }
+    for (std::size_t i = 0; i < interface.size(); ++i) {
+      network->interfaces[i].set_values(interface[i]);
     }
     for (std::size_t i = 0; i < point.size(); ++i) network->points[i].position_mm = point[i];
   }
@@ -248,9 +271,14 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     if (image.outer >= 0) x.push_back(blocks->pose[image.outer].data());
     x.push_back(blocks->pose[image.inner].data());
     x.push_back(blocks->point[o.point].data());
+    const NetworkInterface* window = nullptr;
+    if (camera.interface >= 0) {
+      window = &network->interfaces[camera.interface];
+      x.push_back(blocks->interface[camera.interface].data());
+    }
     problem->AddResidualBlock(
-        new ImagePointCost(camera.camera, o, mark, network->TotalCov(o), image.outer >= 0), loss,
-        x);
+        new ImagePointCost(camera.camera, o, mark, network->TotalCov(o), image.outer >= 0, window),
+        loss, x);
   }
 }
 
@@ -302,19 +330,41 @@ void AddCameraPriors(const Network& network, Blocks* blocks, ceres::Problem* pro
   }
 }
 
+void AddInterfacePriors(const Network& network, Blocks* blocks, ceres::Problem* problem) {
+  for (std::size_t i = 0; i < network.interfaces.size(); ++i) {
+    const NetworkInterface& window = network.interfaces[i];
+    if (!problem->HasParameterBlock(blocks->interface[i].data())) continue;
+    Eigen::Matrix3d whiten = Eigen::Matrix3d::Zero();
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
+      if (window.free[k] && window.prior_sigma[k] > 0) whiten(k, k) = 1 / window.prior_sigma[k];
+    }
+    if (whiten.isZero(0)) continue;
+    problem->AddResidualBlock(new PriorCost<3>(window.start(), whiten), nullptr,
+                              blocks->interface[i].data());
+  }
+}
+
+/// Holds a block of which only some numbers are unknowns.
+template <std::size_t N>
+void HoldSome(const std::array<bool, N>& free, double* x, ceres::Problem* problem) {
+  if (!problem->HasParameterBlock(x)) return;
+  std::vector<int> held;
+  for (std::size_t k = 0; k < N; ++k) {
+    if (!free[k]) held.push_back(static_cast<int>(k));
+  }
+  if (held.size() == N) {
+    problem->SetParameterBlockConstant(x);
+  } else if (!held.empty()) {
+    problem->SetManifold(x, new ceres::SubsetManifold(static_cast<int>(N), held));
+  }
+}
+
 void HoldFixed(const Network& network, Blocks* blocks, ceres::Problem* problem) {
   for (std::size_t i = 0; i < network.cameras.size(); ++i) {
-    double* x = blocks->camera[i].data();
-    if (!problem->HasParameterBlock(x)) continue;
-    std::vector<int> held;
-    for (int k = 0; k < kNumCameraUnknowns; ++k) {
-      if (!network.cameras[i].free[k]) held.push_back(k);
-    }
-    if (held.size() == kNumCameraUnknowns) {
-      problem->SetParameterBlockConstant(x);
-    } else if (!held.empty()) {
-      problem->SetManifold(x, new ceres::SubsetManifold(kNumCameraUnknowns, held));
-    }
+    HoldSome(network.cameras[i].free, blocks->camera[i].data(), problem);
+  }
+  for (std::size_t i = 0; i < network.interfaces.size(); ++i) {
+    HoldSome(network.interfaces[i].free, blocks->interface[i].data(), problem);
   }
   for (std::size_t i = 0; i < network.poses.size(); ++i) {
     double* x = blocks->pose[i].data();
@@ -365,6 +415,7 @@ std::shared_ptr<ceres::ParameterBlockOrdering> EliminationOrder(const UnknownInd
     add(blocks->pose[i].data(), index.pose[i]);
   }
   for (auto& x : blocks->camera) add(x.data(), -1);
+  for (auto& x : blocks->interface) add(x.data(), -1);
   return ordering;
 }
 
@@ -382,6 +433,7 @@ BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
   AddPointPriors(*network, &blocks, loss.get(), &problem);
   AddBars(*network, &blocks, loss.get(), &problem);
   AddCameraPriors(*network, &blocks, &problem);
+  AddInterfacePriors(*network, &blocks, &problem);
   HoldFixed(*network, &blocks, &problem);
 
   const UnknownIndex index(*network);

@@ -360,6 +360,13 @@ void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::Vect
     pose.rotation = RotationFromVector(step.segment<3>(index_.pose[p])) * pose.rotation;
     pose.translation_mm += step.segment<3>(index_.pose[p] + 3);
   }
+  for (std::size_t i = 0; i < index_.interface.size(); ++i) {
+    Eigen::Vector3d values = network->interfaces[i].values();
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
+      if (index_.interface[i][k] >= 0) values[k] += step[index_.interface[i][k]];
+    }
+    network->interfaces[i].set_values(values);
+  }
   for (std::size_t p = 0; p < index_.point.size(); ++p) {
     if (index_.point[p] >= 0) network->points[p].position_mm += step.segment<3>(index_.point[p]);
   }

@@ -28,11 +28,43 @@ Rigid3 Network::CamFromObject(const NetworkImage& image) const {
   return image.outer < 0 ? inner : poses[image.outer].transform * inner;
 }
 
+Eigen::Matrix<double, 3, 2> NetworkInterface::Tangents() const {
+  const Eigen::Vector3d& n = nominal.normal;
+  Eigen::Index axis = 0;
+  n.cwiseAbs().minCoeff(&axis);
+  Eigen::Matrix<double, 3, 2> tangents;
+  tangents.col(0) = (Eigen::Vector3d::Unit(axis) - n[axis] * n).normalized();
+  tangents.col(1) = n.cross(tangents.col(0));
+  return tangents;
+}
+
+FlatInterface NetworkInterface::surface(Eigen::Matrix<double, 3, 2>* normal_by_tilt) const {
+  const Eigen::Matrix<double, 3, 2> tangents = Tangents();
+  const Eigen::Vector3d turned = nominal.normal + tangents * tilt;
+  const double length = turned.norm();
+  FlatInterface surface = nominal;
+  surface.normal = turned / length;
+  surface.distance_mm = distance_mm;
+  if (normal_by_tilt != nullptr) {
+    *normal_by_tilt =
+        (tangents - surface.normal * (surface.normal.transpose() * tangents)) / length;
+  }
+  return surface;
+}
+
 void Network::Check() const {
+  for (const NetworkInterface& i : interfaces) {
+    i.surface().Check(("Network: interface " + i.name).c_str());
+  }
   for (const NetworkCamera& c : cameras) {
     Require(c.camera.interior.allFinite() && c.camera.f_px() > 0,
             "camera " + c.name + ": f must be positive and every parameter finite");
     Require(c.camera.r0_px > 0, "camera " + c.name + ": r0_px must be positive");
+    Require(c.interface == -1 || InRange(c.interface, interfaces.size()),
+            "camera " + c.name + ": no such interface");
+    Require(c.interface == -1 || datum != Datum::kFree,
+            "camera " + c.name + " looks through an interface: a free network's datum would " +
+                "move it; use weighted or fixed points");
     Require(c.aspect > -1 && std::isfinite(c.aspect) && std::isfinite(c.time_offset),
             "camera " + c.name + ": aspect must exceed -1, time_offset be finite");
   }
@@ -91,6 +123,12 @@ const char* CameraUnknownName(int unknown) {
   return unknown == kTimeOffset ? "time_offset" : kInteriorNames.at(unknown);
 }
 
+const char* InterfaceUnknownName(int unknown) {
+  static constexpr std::array<const char*, kNumInterfaceUnknowns> kNames = {"tilt_1", "tilt_2",
+                                                                            "distance"};
+  return kNames.at(static_cast<std::size_t>(unknown));
+}
+
 CameraVector NetworkCamera::values() const {
   CameraVector all;
   all << camera.interior, aspect, time_offset;
@@ -113,6 +151,11 @@ UnknownIndex::UnknownIndex(const Network& network) {
     pose.push_back(p.free ? num_unknowns : -1);
     if (p.free) num_unknowns += 6;
   }
+  for (const NetworkInterface& i : network.interfaces) {
+    std::array<int, kNumInterfaceUnknowns> place{};
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) place[k] = i.free[k] ? num_unknowns++ : -1;
+    interface.push_back(place);
+  }
   num_orientation = num_unknowns;
   for (const NetworkPoint& p : network.points) {
     point.push_back(p.is_unknown() ? num_unknowns : -1);
@@ -133,6 +176,12 @@ std::vector<std::string> UnknownNames(const Network& network, const UnknownIndex
   for (std::size_t p = 0; p < network.poses.size(); ++p) {
     for (int k = 0; index.pose[p] >= 0 && k < 6; ++k) {
       names[index.pose[p] + k] = network.poses[p].name + kPose[k];
+    }
+  }
+  for (std::size_t i = 0; i < network.interfaces.size(); ++i) {
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
+      const int u = index.interface[i][k];
+      if (u >= 0) names[u] = network.interfaces[i].name + " " + InterfaceUnknownName(k);
     }
   }
   for (std::size_t p = 0; p < network.points.size(); ++p) {

@@ -7,6 +7,7 @@
 
 #include "videogrammetry/geometry/camera.h"
 #include "videogrammetry/geometry/circle.h"
+#include "videogrammetry/geometry/refraction.h"
 #include "videogrammetry/geometry/rigid3.h"
 
 namespace videogrammetry {
@@ -40,10 +41,47 @@ struct NetworkCamera {
   double cov_scale = 1.0;
   double aspect = 0.0;
   double time_offset = 0.0;
+  /// Index of the window through which the camera looks; -1 = none.
+  int interface = -1;
 
   CameraVector values() const;
   void set_values(const CameraVector& values);
 };
+
+/// A window's unknowns.
+enum InterfaceUnknown { kTilt1 = 0, kTilt2, kDistance, kNumInterfaceUnknowns };
+
+/// A window: three unknowns, each estimated or held, in the frame of the rig
+/// (that the outer poses lead from; for images without one, of the object).
+///
+/// The normal is n ~ n0 + tilt_1 t1 + tilt_2 t2 with n0 the normal of `nominal`
+/// and t1, t2 tangents (Tangents): the tilts are tangents of angles. The
+/// distance is that of the plane from the frame's origin. Indices and glass are
+/// those of `nominal`.
+struct NetworkInterface {
+  std::string name;
+  FlatInterface nominal;
+  std::array<bool, kNumInterfaceUnknowns> free{};
+  /// Standard deviations with which the start values (0, 0, the nominal
+  /// distance) are observed; 0 = not observed.
+  Eigen::Vector3d prior_sigma = Eigen::Vector3d::Zero();
+  Eigen::Vector2d tilt = Eigen::Vector2d::Zero();
+  double distance_mm = 0.0;
+
+  Eigen::Vector3d values() const { return {tilt[0], tilt[1], distance_mm}; }
+  Eigen::Vector3d start() const { return {0.0, 0.0, nominal.distance_mm}; }
+  void set_values(const Eigen::Vector3d& values) {
+    tilt = values.head<2>();
+    distance_mm = values[kDistance];
+  }
+  /// t1: the frame's axis that is most across n0, projected; t2 = n0 x t1.
+  Eigen::Matrix<double, 3, 2> Tangents() const;
+  /// The window at the present values; `normal_by_tilt` gets dn/d(tilts).
+  FlatInterface surface(Eigen::Matrix<double, 3, 2>* normal_by_tilt = nullptr) const;
+};
+
+/// "tilt_1", "tilt_2", "distance".
+const char* InterfaceUnknownName(int unknown);
 
 /// A rigid motion that is estimated (`free`) or held. The six unknowns are a
 /// rotation vector w and a shift d: R <- exp([w]) R, t <- t + d.
@@ -138,10 +176,12 @@ enum class Datum { kFixed, kWeighted, kFree };
 /// parameters of `Camera` (Hu et al. 2012, Eqs. 1-5): measured image point =
 /// Project(camera, cam_from_object * point) + residual, of a circle
 /// ProjectEllipseCenter instead of Project, evaluated anew in every iteration;
-/// aspect and time offset as in Sampling (observation_model.h).
+/// aspect and time offset as in Sampling (observation_model.h). Through a window
+/// it is the point of its surface that the ray meets (SeenThrough).
 struct Network {
   std::vector<NetworkCamera> cameras;
   std::vector<NetworkPose> poses;
+  std::vector<NetworkInterface> interfaces;
   std::vector<NetworkImage> images;
   std::vector<NetworkPoint> points;
   std::vector<NetworkObservation> observations;
@@ -175,14 +215,15 @@ InteriorVector InteriorScale(const Camera& camera);
 /// The same for a camera's twelve unknowns; 1 for the aspect and the time offset.
 CameraVector CameraScale(const Camera& camera);
 
-/// Where each unknown stands: the cameras', the poses', then three a point.
+/// Where each unknown stands: the cameras', the poses', the windows', then three a point.
 /// -1 = held.
 struct UnknownIndex {
   explicit UnknownIndex(const Network& network);
   std::vector<std::array<int, kNumCameraUnknowns>> camera;
-  std::vector<int> pose;    ///< first of six
+  std::vector<int> pose;  ///< first of six
+  std::vector<std::array<int, kNumInterfaceUnknowns>> interface;
   std::vector<int> point;   ///< first of three
-  int num_orientation = 0;  ///< the cameras' and poses', which come first
+  int num_orientation = 0;  ///< the cameras', poses' and windows', which come first
   int num_unknowns = 0;
 };
 

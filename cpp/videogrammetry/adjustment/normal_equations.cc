@@ -52,6 +52,17 @@ ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, 
   const int outer = image.outer < 0 ? -1 : index.pose[image.outer], inner = index.pose[image.inner];
   for (int k = 0; outer >= 0 && k < 6; ++k) add(outer + k, j.by_outer.col(k));
   for (int k = 0; inner >= 0 && k < 6; ++k) add(inner + k, j.by_inner.col(k));
+  const int window = network.cameras[image.camera].interface;
+  if (window >= 0) {
+    Eigen::Matrix<double, 3, 2> normal_by_tilt;
+    network.interfaces[window].surface(&normal_by_tilt);
+    Eigen::Matrix<double, 2, kNumInterfaceUnknowns> by_interface;
+    by_interface << j.by_normal * normal_by_tilt, j.by_distance;
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
+      const int u = index.interface[window][k];
+      if (u >= 0) add(u, by_interface.col(k));
+    }
+  }
   for (int k = 0; index.point[point] >= 0 && k < 3; ++k) {
     add(index.point[point] + k, j.by_point.col(k));
   }
@@ -90,6 +101,7 @@ NormalEquations::NormalEquations(const Network& network, const UnknownIndex& ind
   AddPointPriors(network, index);
   AddPriorBlock(network, index);
   AddCameraPriors(network, index);
+  AddInterfacePriors(network, index);
   diagonal = reduced.diagonal();
   Eliminate(network, index);
 }
@@ -111,12 +123,16 @@ void NormalEquations::FindColumns(const Network& network, const UnknownIndex& in
         met.emplace_back(elimination_.place[first], count);
       }
     };
-    const auto& camera = index.camera[image.camera];
-    int first_free = -1, num_free = 0;
-    for (const int u : camera) {
-      if (u >= 0 && num_free++ == 0) first_free = u;
-    }
-    meet(first_free, num_free);
+    auto meet_free = [&](const auto& unknowns) {  // those of one owner follow each other
+      int first_free = -1, num_free = 0;
+      for (const int u : unknowns) {
+        if (u >= 0 && num_free++ == 0) first_free = u;
+      }
+      meet(first_free, num_free);
+    };
+    meet_free(index.camera[image.camera]);
+    const int window = network.cameras[image.camera].interface;
+    if (window >= 0) meet_free(index.interface[window]);
     if (image.outer >= 0) meet(index.pose[image.outer], 6);
     meet(index.pose[image.inner], 6);
     meet(index.point[o.point], 3);
@@ -250,6 +266,21 @@ void NormalEquations::AddCameraPriors(const Network& network, const UnknownIndex
       reduced(elimination_.place[u], elimination_.place[u]) += 1 / (sigma * sigma);
       num_prior += 1;
       weighted_squares += std::pow((camera.start[k] - values[k]) / sigma, 2);
+    }
+  }
+}
+
+void NormalEquations::AddInterfacePriors(const Network& network, const UnknownIndex& index) {
+  for (std::size_t i = 0; i < network.interfaces.size(); ++i) {
+    const NetworkInterface& window = network.interfaces[i];
+    const Eigen::Vector3d change = window.start() - window.values();
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
+      const int u = index.interface[i][k];
+      if (u < 0 || !(window.prior_sigma[k] > 0)) continue;
+      const double sigma = window.prior_sigma[k];
+      reduced(elimination_.place[u], elimination_.place[u]) += 1 / (sigma * sigma);
+      num_prior += 1;
+      weighted_squares += std::pow(change[k] / sigma, 2);
     }
   }
 }

@@ -25,7 +25,7 @@ class UndeterminedPointError : public AdjustmentError {
 
 /// An image point's derivatives by the unknowns that are estimated.
 struct ImageRow {
-  static constexpr int kMaxUnknowns = kNumCameraUnknowns + 6 + 6 + 3;
+  static constexpr int kMaxUnknowns = kNumCameraUnknowns + 6 + 6 + kNumInterfaceUnknowns + 3;
   bool valid = false;  ///< false: the point has no picture
   int size = 0;
   std::array<int, kMaxUnknowns> unknown;
@@ -81,6 +81,7 @@ struct NormalEquations {
   void AddPointPriors(const Network& network, const UnknownIndex& index);
   void AddPriorBlock(const Network& network, const UnknownIndex& index);
   void AddCameraPriors(const Network& network, const UnknownIndex& index);
+  void AddInterfacePriors(const Network& network, const UnknownIndex& index);
   /// Adds a symmetric matrix over some unknowns.
   void Add(const int* unknown, int size, const Eigen::Ref<const Eigen::MatrixXd>& normal);
   void Eliminate(const Network& network, const UnknownIndex& index);

@@ -25,6 +25,46 @@ void Chain(const Eigen::Matrix<double, 2, 3>& by_cam, const Rigid3* outer, const
   jacobians->by_point = by_rig * inner.rotation;
 }
 
+/// The lens' picture of a point behind a window, square pixels at the nominal moment.
+std::optional<Eigen::Vector2d> RefractedPicture(const Camera& camera, const Rigid3* outer,
+                                                const Rigid3& inner,
+                                                const Eigen::Vector3d& point_mm,
+                                                const FlatInterface& interface,
+                                                ImagePointJacobians* jacobians) {
+  // The window stands in the frame that the camera's pose leads from.
+  const Rigid3& pose = outer != nullptr ? *outer : inner;
+  const Eigen::Vector3d turned_inner = inner.rotation * point_mm;
+  const Eigen::Vector3d point =
+      outer != nullptr ? Eigen::Vector3d(turned_inner + inner.translation_mm) : point_mm;
+  const Eigen::Vector3d center = pose.Inverse().translation_mm;
+  RefractionJacobians window;
+  const auto seen = SeenThrough(interface, point, center, jacobians != nullptr ? &window : nullptr);
+  if (!seen) return std::nullopt;
+  const Eigen::Vector3d turned = pose.rotation * *seen;
+  if (jacobians == nullptr) return Project(camera, turned + pose.translation_mm);
+  ProjectionJacobians projection;
+  const auto pixel = Project(camera, turned + pose.translation_mm, &projection);
+  if (!pixel) return std::nullopt;
+  jacobians->by_camera.leftCols<kNumInterior>() = projection.by_interior;
+  const Eigen::Matrix<double, 2, 3> by_seen = projection.by_point * pose.rotation;
+  // By the camera's pose directly and by its centre, dC = -R' [t] dw - R' dt.
+  const Eigen::Matrix<double, 2, 3> by_center =
+      by_seen * window.by_center * pose.rotation.transpose();
+  Eigen::Matrix<double, 2, 6>& by_pose =
+      outer != nullptr ? jacobians->by_outer : jacobians->by_inner;
+  by_pose.leftCols<3>() =
+      projection.by_point * MinusCross(turned) + by_center * MinusCross(pose.translation_mm);
+  by_pose.rightCols<3>() = projection.by_point - by_center;
+  jacobians->by_point = by_seen * window.by_point;
+  jacobians->by_normal = by_seen * window.by_normal;
+  jacobians->by_distance = by_seen * window.by_distance;
+  if (outer == nullptr) return pixel;
+  jacobians->by_inner.leftCols<3>() = jacobians->by_point * MinusCross(turned_inner);
+  jacobians->by_inner.rightCols<3>() = jacobians->by_point;
+  jacobians->by_point *= inner.rotation;
+  return pixel;
+}
+
 /// The lens' picture, square pixels at the nominal moment.
 std::optional<Eigen::Vector2d> LensPicture(const Camera& camera, const Rigid3* outer,
                                            const Rigid3& inner, const Circle& mark,
@@ -70,8 +110,12 @@ std::optional<Eigen::Vector2d> LensPicture(const Camera& camera, const Rigid3* o
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
                                                  const Rigid3& inner, const Circle& mark,
                                                  const Sampling& sampling,
-                                                 ImagePointJacobians* jacobians) {
-  std::optional<Eigen::Vector2d> pixel = LensPicture(camera, outer, inner, mark, jacobians);
+                                                 ImagePointJacobians* jacobians,
+                                                 const FlatInterface* interface) {
+  std::optional<Eigen::Vector2d> pixel =
+      interface != nullptr
+          ? RefractedPicture(camera, outer, inner, mark.center_mm, *interface, jacobians)
+          : LensPicture(camera, outer, inner, mark, jacobians);
   if (!pixel) return std::nullopt;
   const double centre_y_px = camera.principal_point_px().y();
   const double shrink = 1.0 / (1.0 + sampling.aspect);
@@ -85,6 +129,8 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
     if (outer != nullptr) jacobians->by_outer.row(1) *= shrink;
     jacobians->by_inner.row(1) *= shrink;
     jacobians->by_point.row(1) *= shrink;
+    jacobians->by_normal.row(1) *= shrink;
+    jacobians->by_distance[1] *= shrink;
   }
   pixel->y() = centre_y_px + from_centre_px;
   return *pixel + sampling.time_offset * sampling.velocity_px;
@@ -96,9 +142,14 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Network& network, int ima
   const NetworkImage& image = network.images[image_index];
   const NetworkCamera& camera = network.cameras[image.camera];
   const Rigid3* outer = image.outer < 0 ? nullptr : &network.poses[image.outer].transform;
-  return PredictImagePoint(camera.camera, outer, network.poses[image.inner].transform,
-                           network.points[point].mark(),
-                           {camera.aspect, camera.time_offset, velocity_px}, jacobians);
+  const Rigid3& inner = network.poses[image.inner].transform;
+  const Sampling sampling{camera.aspect, camera.time_offset, velocity_px};
+  const Circle mark = network.points[point].mark();
+  if (camera.interface < 0) {
+    return PredictImagePoint(camera.camera, outer, inner, mark, sampling, jacobians);
+  }
+  const FlatInterface interface = network.interfaces[camera.interface].surface();
+  return PredictImagePoint(camera.camera, outer, inner, mark, sampling, jacobians, &interface);
 }
 
 }  // namespace videogrammetry

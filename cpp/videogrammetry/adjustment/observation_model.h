@@ -6,6 +6,7 @@
 #include "videogrammetry/adjustment/network.h"
 #include "videogrammetry/geometry/camera.h"
 #include "videogrammetry/geometry/circle.h"
+#include "videogrammetry/geometry/refraction.h"
 #include "videogrammetry/geometry/rigid3.h"
 
 namespace videogrammetry {
@@ -17,6 +18,9 @@ struct ImagePointJacobians {
   Eigen::Matrix<double, 2, 6> by_outer;
   Eigen::Matrix<double, 2, 6> by_inner;
   Eigen::Matrix<double, 2, 3> by_point;
+  /// By a window's normal and distance; zero without one.
+  Eigen::Matrix<double, 2, 3> by_normal = Eigen::Matrix<double, 2, 3>::Zero();
+  Eigen::Vector2d by_distance = Eigen::Vector2d::Zero();
 };
 
 /// What lies between the lens' picture (x, y) and the pixel that is measured.
@@ -37,11 +41,16 @@ struct Sampling {
 ///
 /// @param outer  nullptr = identity (by_outer is then left untouched).
 /// @param mark  a point or circle of the object; radius_mm 0 = a point.
+/// @param interface  a window that the camera looks through (SeenThrough), in
+///     the frame that `outer` leads from, without an outer pose in that of the
+///     object; nullptr = none. Circles are not modelled through one: they
+///     count as points.
 /// @return nullopt where the mark has no picture (see Project).
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
                                                  const Rigid3& inner, const Circle& mark,
                                                  const Sampling& sampling = {},
-                                                 ImagePointJacobians* jacobians = nullptr);
+                                                 ImagePointJacobians* jacobians = nullptr,
+                                                 const FlatInterface* interface = nullptr);
 
 /// The same of a point in an image of the network.
 std::optional<Eigen::Vector2d> PredictImagePoint(const Network& network, int image, int point,

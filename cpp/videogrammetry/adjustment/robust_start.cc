@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "videogrammetry/adjustment/datum.h"
 #include "videogrammetry/adjustment/observation_model.h"
@@ -120,7 +121,14 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
     wanted.push_back(c.free);
     for (int k = 0; k < kNumCameraUnknowns; ++k) c.free[k] = c.free[k] && (k == kF || k == kA1);
   }
+  std::vector<std::array<bool, kNumInterfaceUnknowns>> wanted_of_windows;
+  for (NetworkInterface& i : network->interfaces) {
+    wanted_of_windows.push_back(std::exchange(i.free, {}));
+  }
   SolveBundle(network, bundle);
+  for (std::size_t i = 0; i < wanted_of_windows.size(); ++i) {
+    network->interfaces[i].free = wanted_of_windows[i];
+  }
   for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
   BundleSummary summary = SolveBundle(network, bundle);
   SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));

@@ -47,6 +47,7 @@ std::optional<Shape> ShapeOf(const Rig& rig, const EllipseSighting& s,
     return std::nullopt;
   }
   const OrientedCamera& camera = rig[static_cast<std::size_t>(s.camera)];
+  if (camera.interface) return std::nullopt;  // refraction would pass for a tilt
   Shape shape;
   shape.rotation = camera.cam_from_world.rotation;
   shape.center_in_cam = camera.cam_from_world * position;

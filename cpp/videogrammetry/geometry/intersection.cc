@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace videogrammetry {
 namespace {
@@ -12,24 +13,28 @@ constexpr int kMaxIterations = 20;
 // Rays within a microradian of parallel determine no depth at any range used.
 constexpr double kMinConvergenceRad = 1e-6;
 
-struct WorldRay {
-  Eigen::Vector3d origin_mm;
-  Eigen::Vector3d direction;  // unit
-};
+bool HasWindow(const Rig& rig, std::span<const Sighting> sightings) {
+  return std::any_of(sightings.begin(), sightings.end(), [&](const Sighting& s) {
+    return rig[static_cast<std::size_t>(s.camera)].interface.has_value();
+  });
+}
 
-bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, std::vector<WorldRay>* rays) {
+/// The rays as they are behind the cameras' windows, or in front of them.
+bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, bool behind_windows,
+              std::vector<Ray>* rays) {
   rays->clear();
   for (const Sighting& s : sightings) {
     const OrientedCamera& oriented = rig[static_cast<std::size_t>(s.camera)];
-    const auto ray = RayThroughPixel(oriented.camera, s.pixel);
+    const auto ray = behind_windows
+                         ? RayFromPixel(oriented, s.pixel)
+                         : RayFromPixel({oriented.camera, oriented.cam_from_world}, s.pixel);
     if (!ray) return false;
-    rays->push_back({oriented.center_in_world(),
-                     (oriented.cam_from_world.rotation.transpose() * *ray).normalized()});
+    rays->push_back(*ray);
   }
   return true;
 }
 
-double LargestAngle(const std::vector<WorldRay>& rays) {
+double LargestAngle(const std::vector<Ray>& rays) {
   double largest = 0;
   for (std::size_t i = 0; i < rays.size(); ++i) {
     for (std::size_t j = i + 1; j < rays.size(); ++j) {
@@ -40,16 +45,25 @@ double LargestAngle(const std::vector<WorldRay>& rays) {
   return largest;
 }
 
-Eigen::Vector3d NearestPoint(const std::vector<WorldRay>& rays) {
+Eigen::Vector3d NearestPoint(const std::vector<Ray>& rays) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
-  for (const WorldRay& ray : rays) {
+  for (const Ray& ray : rays) {
     const Eigen::Matrix3d across =
         Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
     normal += across;
     right += across * ray.origin_mm;
   }
   return normal.ldlt().solve(right);
+}
+
+/// The point nearest to the rays, before all of their origins.
+std::optional<Eigen::Vector3d> Start(const std::vector<Ray>& rays) {
+  const Eigen::Vector3d position = NearestPoint(rays);
+  for (const Ray& ray : rays) {
+    if (!(ray.direction.dot(position - ray.origin_mm) > 0)) return std::nullopt;
+  }
+  return position;
 }
 
 struct Linearised {
@@ -82,17 +96,17 @@ bool Linearise(const Rig& rig, std::span<const Sighting> sightings,
 IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings,
                              Intersection* result) {
   if (sightings.size() < 2) return IntersectionStatus::kTooFewRays;
-  std::vector<WorldRay> rays;
-  if (!MakeRays(rig, sightings, &rays)) return IntersectionStatus::kNotConverged;
+  std::vector<Ray> rays;
+  if (!MakeRays(rig, sightings, true, &rays)) return IntersectionStatus::kNotConverged;
   const double convergence = LargestAngle(rays);
   if (!(convergence > kMinConvergenceRad)) return IntersectionStatus::kParallelRays;
 
-  Eigen::Vector3d position = NearestPoint(rays);
-  for (const WorldRay& ray : rays) {
-    if (!(ray.direction.dot(position - ray.origin_mm) > 0)) {
-      return IntersectionStatus::kBehindCamera;
-    }
+  std::optional<Eigen::Vector3d> start = Start(rays);
+  if (!start && HasWindow(rig, sightings) && MakeRays(rig, sightings, false, &rays)) {
+    start = Start(rays);  // the point is on the cameras' side of the window
   }
+  if (!start) return IntersectionStatus::kBehindCamera;
+  Eigen::Vector3d position = *start;
   std::vector<Eigen::Matrix2d> weights;
   for (const Sighting& s : sightings) weights.push_back(s.cov_px2.inverse());
 

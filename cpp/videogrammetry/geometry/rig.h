@@ -1,16 +1,20 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "videogrammetry/geometry/camera.h"
+#include "videogrammetry/geometry/refraction.h"
 #include "videogrammetry/geometry/rigid3.h"
 
 namespace videogrammetry {
 
-/// A camera with its exterior orientation: x_in_cam = cam_from_world * x_in_world.
+/// A camera with its exterior orientation: x_in_cam = cam_from_world * x_in_world,
+/// and the window through which it looks, if there is one, in the world's frame.
 struct OrientedCamera {
   Camera camera;
   Rigid3 cam_from_world;
+  std::optional<FlatInterface> interface = std::nullopt;
 
   Eigen::Vector3d center_in_world() const {
     return -(cam_from_world.rotation.transpose() * cam_from_world.translation_mm);
@@ -25,15 +29,24 @@ using Rig = std::vector<OrientedCamera>;
 /// cam_from_world (rad), then the translation (mm).
 inline constexpr int kNumCameraParameters = kNumInterior + 6;
 
-/// Derivatives of a picture by the world point and by the camera's sixteen parameters.
+/// Derivatives of a picture by the world point and by the camera's sixteen parameters
+/// (a window being held).
 struct OrientedJacobians {
   Eigen::Matrix<double, 2, 3> by_point;
   Eigen::Matrix<double, 2, kNumCameraParameters> by_camera;
 };
 
-/// Picture of a point of the world frame; nullopt as Project.
+/// Picture of a point of the world frame, seen through the camera's window
+/// (SeenThrough); nullopt as Project, or with the camera behind its window.
 std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
                                                 const Eigen::Vector3d& point_in_world,
                                                 OrientedJacobians* jacobians = nullptr);
+
+/// The ray of the world frame through a pixel, behind a window the refracted
+/// one; `direction_by_pixel` and `origin_by_pixel` get its derivatives.
+/// @return nullopt as RayThroughPixel, or if the ray misses the window's plane.
+std::optional<Ray> RayFromPixel(const OrientedCamera& oriented, const Eigen::Vector2d& pixel,
+                                Eigen::Matrix<double, 3, 2>* direction_by_pixel = nullptr,
+                                Eigen::Matrix<double, 3, 2>* origin_by_pixel = nullptr);
 
 }  // namespace videogrammetry

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 #include <set>
+#include <tuple>
+#include <utility>
 
 namespace videogrammetry {
 namespace {
@@ -55,6 +57,40 @@ Eigen::Matrix3d EssentialMatrix(const Rigid3& b_from_a) {
   return cross * b_from_a.rotation;
 }
 
+// A camera's targets as rays of the world's frame; behind a window refracted.
+struct WorldRays {
+  std::vector<Ray> ray;
+  std::vector<Eigen::Matrix<double, 3, 2>> origin_by_pixel, direction_by_pixel;
+};
+
+WorldRays RaysOf(const OrientedCamera& oriented, const CameraTargets& targets,
+                 std::vector<char>* valid) {
+  WorldRays rays;
+  for (std::size_t i = 0; i < targets.size(); ++i) {
+    Eigen::Matrix<double, 3, 2> direction, origin;
+    const auto ray = RayFromPixel(oriented, targets.xy_px[i], &direction, &origin);
+    (*valid)[i] = (*valid)[i] && ray.has_value();
+    rays.ray.push_back(ray.value_or(Ray{}));
+    rays.origin_by_pixel.push_back(ray ? origin : Eigen::Matrix<double, 3, 2>::Zero());
+    rays.direction_by_pixel.push_back(ray ? direction : Eigen::Matrix<double, 3, 2>::Zero());
+  }
+  return rays;
+}
+
+// The two rays' miss (o_b - o_a) . (u_a x u_b), 0 of rays that meet, and its variance.
+std::pair<double, double> Miss(const WorldRays& a, std::size_t i, const Eigen::Matrix2d& cov_a,
+                               const WorldRays& b, std::size_t j, const Eigen::Matrix2d& cov_b) {
+  const Eigen::Vector3d between = b.ray[j].origin_mm - a.ray[i].origin_mm;
+  const Eigen::Vector3d across = a.ray[i].direction.cross(b.ray[j].direction);
+  const Eigen::Vector2d by_a =
+      a.direction_by_pixel[i].transpose() * b.ray[j].direction.cross(between) -
+      a.origin_by_pixel[i].transpose() * across;
+  const Eigen::Vector2d by_b =
+      b.direction_by_pixel[j].transpose() * between.cross(a.ray[i].direction) +
+      b.origin_by_pixel[j].transpose() * across;
+  return {between.dot(across), by_a.dot(cov_a * by_a) + by_b.dot(cov_b * by_b)};
+}
+
 bool IdsAgree(int a, int b) { return a < 0 || b < 0 || a == b; }
 
 class Finder {
@@ -64,6 +100,12 @@ class Finder {
       : rig_(rig), cameras_(cameras), free_(free), options_(options) {
     for (std::size_t c = 0; c < rig.size(); ++c) {
       normalised_.push_back(Normalise(rig[c], cameras[c]));
+      refracted_.push_back(rig[c].interface ? 1 : 0);
+    }
+    // Rays through a window have no common centre and no epipolar line.
+    if (std::find(refracted_.begin(), refracted_.end(), 1) == refracted_.end()) return;
+    for (std::size_t c = 0; c < rig.size(); ++c) {
+      rays_.push_back(RaysOf(rig[c], cameras[c], &normalised_[c].valid));
     }
   }
 
@@ -79,17 +121,23 @@ class Finder {
     const Eigen::Matrix3d essential =
         EssentialMatrix(rig_[b].cam_from_world * rig_[a].cam_from_world.Inverse());
     const double gate = options_.critical_value * options_.critical_value;
+    const bool refracted = refracted_[a] || refracted_[b];
     for (std::size_t i = 0; i < cameras_[a].size(); ++i) {
       if (!free_[a][i] || !normalised_[a].valid[i]) continue;
       const Eigen::Vector3d line_b = essential * normalised_[a].ray[i];
       for (std::size_t j = 0; j < cameras_[b].size(); ++j) {
         if (!free_[b][j] || !normalised_[b].valid[j]) continue;
         if (!IdsAgree(cameras_[a].id[i], cameras_[b].id[j])) continue;
-        const double distance = line_b.dot(normalised_[b].ray[j]);
-        const Eigen::Vector2d by_b = line_b.head<2>();
-        const Eigen::Vector2d by_a = (essential.transpose() * normalised_[b].ray[j]).head<2>();
-        const double variance =
-            by_b.dot(normalised_[b].cov[j] * by_b) + by_a.dot(normalised_[a].cov[i] * by_a);
+        double distance = line_b.dot(normalised_[b].ray[j]), variance = 0.0;
+        if (refracted) {
+          std::tie(distance, variance) =
+              Miss(rays_[a], i, cameras_[a].cov_px2[i], rays_[b], j, cameras_[b].cov_px2[j]);
+        } else {
+          const Eigen::Vector2d by_b = line_b.head<2>();
+          const Eigen::Vector2d by_a = (essential.transpose() * normalised_[b].ray[j]).head<2>();
+          variance =
+              by_b.dot(normalised_[b].cov[j] * by_b) + by_a.dot(normalised_[a].cov[i] * by_a);
+        }
         if (distance * distance > gate * variance) continue;
         std::vector<int> target(rig_.size(), -1);
         target[a] = static_cast<int>(i);
@@ -148,6 +196,8 @@ class Finder {
   const std::vector<std::vector<char>>& free_;
   const MatchingOptions& options_;
   std::vector<NormalisedCamera> normalised_;
+  std::vector<char> refracted_;
+  std::vector<WorldRays> rays_;  // empty without a window
   std::vector<Candidate> found_;
   std::set<std::vector<int>> seen_;
 };

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
@@ -168,7 +169,12 @@ IntersectionStatus IntersectCircle(const Rig& rig, std::span<const Sighting> sig
                                    const MeasuredCircle& circle, Intersection* point,
                                    CircleIntersection* result) {
   result->cov_mm2 = point->cov_mm2;
-  const bool correct = !std::isnan(circle.diameter_mm);
+  // How a window distorts an ellipse is not modelled: its centre stays as it is.
+  const bool refracted = std::any_of(sightings.begin(), sightings.end(), [&](const Sighting& s) {
+    return rig[static_cast<std::size_t>(s.camera)].interface.has_value();
+  });
+  const bool wanted = !std::isnan(circle.diameter_mm), correct = wanted && !refracted;
+  if (wanted && refracted) result->status = CircleStatus::kNoNormal;
   if (!correct && circle.thickness_mm == 0) return IntersectionStatus::kOk;
   if (!FindNormal(rig, sightings, circle, point->position_mm, result)) {
     return circle.thickness_mm == 0 ? IntersectionStatus::kOk : IntersectionStatus::kNoNormal;

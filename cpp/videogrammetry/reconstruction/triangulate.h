@@ -37,7 +37,7 @@ enum class CircleStatus {
   kNone,       ///< nothing was asked for: no diameter, no thickness
   kKnown,      ///< done, by a normal that was given
   kEstimated,  ///< done, by the normal of the ellipses
-  kNoNormal    ///< not done: no normal, and no ellipse that says one
+  kNoNormal    ///< not done: no normal, and no ellipse that says one; or seen through a window
 };
 
 /// Options of the reconstruction.

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.accuracy.scale_bar import KnownLength
-from videogrammetry.geometry import nearest_rotation, project
+from videogrammetry.geometry import nearest_rotation, project_from_world
 from videogrammetry.reconstruction import Triangulator
 from videogrammetry.types import FloatArray, IntArray, RigData, Trajectories
 
@@ -52,7 +52,7 @@ def exact_pictures(rig: RigData, points_mm: FloatArray) -> FloatArray:
     finite = np.asarray(np.isfinite(points_mm).all(axis=1))
     filled = np.where(finite[:, None], points_mm, 0.0)
     pixels = np.stack(
-        [project(c, filled @ c.rotation.T + c.translation_mm) for c in rig.cameras.values()],
+        [project_from_world(c, filled) for c in rig.cameras.values()],
         axis=1,
     )
     pixels[~finite] = np.nan

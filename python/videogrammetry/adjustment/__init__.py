@@ -3,6 +3,7 @@
 from videogrammetry.adjustment.network import Network
 from videogrammetry.adjustment.results import (
     CAMERA_UNKNOWNS,
+    INTERFACE_UNKNOWNS,
     Adjustment,
     AdjustOptions,
     CameraVariance,
@@ -26,6 +27,7 @@ from videogrammetry.adjustment.start import (
 
 __all__ = [
     "CAMERA_UNKNOWNS",
+    "INTERFACE_UNKNOWNS",
     "AdjustOptions",
     "Adjustment",
     "CameraVariance",

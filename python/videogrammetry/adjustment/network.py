@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from videogrammetry._core import TaskError as _TaskError
 from videogrammetry._core import adjustment as _adjustment
 from videogrammetry.adjustment.results import (
     CAMERA_UNKNOWNS,
+    INTERFACE_UNKNOWNS,
     Adjustment,
     AdjustOptions,
     CameraVariance,
@@ -22,8 +24,8 @@ from videogrammetry.adjustment.results import (
 )
 from videogrammetry.adjustment.start import rows
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import camera_model
-from videogrammetry.types import FloatArray, RigCamera
+from videogrammetry.geometry import camera_model, interface_model
+from videogrammetry.types import FlatInterface, FloatArray, RigCamera
 
 POINT_KINDS = ("fixed", "weighted", "free")
 DATUMS = ("fixed", "weighted", "free")
@@ -60,6 +62,7 @@ class Network:
     def __init__(self) -> None:
         self._network = _adjustment.Network()
         self._names: list[str] = []
+        self._interfaces: list[FlatInterface] = []
 
     def add_camera(
         self,
@@ -72,6 +75,7 @@ class Network:
         floor_px: float = 0.0,
         aspect: float = 0.0,
         time_offset: float = 0.0,
+        interface: int | None = None,
     ) -> int:
         """Add a camera.
 
@@ -84,6 +88,7 @@ class Network:
             (1 + aspect) enters the distortion.
         time_offset : part of the interval between pictures by which this camera is late:
             measured = predicted + time_offset * velocity_px of the observation.
+        interface : the window that it looks through (:meth:`add_interface`); None: none.
 
         Raises
         ------
@@ -102,7 +107,63 @@ class Network:
         index: int = self._network.add_camera(
             name, camera_model(camera), _mask(free), held, prior, floor_px, aspect, time_offset
         )
+        if interface is not None:
+            self._network.set_interface(index, interface)
         return index
+
+    def add_interface(
+        self,
+        interface: FlatInterface,
+        *,
+        free: Sequence[str] = (),
+        prior_sigma: Mapping[str, float] | None = None,
+    ) -> int:
+        """Add a window between air and a fluid; cameras name it by the index returned.
+
+        It stands in the frame that outer poses lead from (the rig's); for images
+        without one, in the object's. Its indices and glass are held. Circles behind a
+        window count as points, and a free network (``set_datum("free")``) has none.
+
+        Parameters
+        ----------
+        interface : start values.
+        free, prior_sigma : names of ``INTERFACE_UNKNOWNS``, "normal" for both tilts; what is
+            estimated, and with which standard deviation (rad, mm) its start value is observed.
+
+        Raises
+        ------
+        ValueError : another name, or an interface that is none.
+        """
+        wanted = _interface_names("free", free)
+        prior = np.zeros(len(INTERFACE_UNKNOWNS))
+        for key, sigma in (prior_sigma or {}).items():
+            for name in _interface_names("prior_sigma", (key,)):
+                prior[INTERFACE_UNKNOWNS.index(name)] = sigma
+        self._interfaces.append(interface)
+        index: int = self._network.add_interface(
+            interface.name,
+            interface_model(interface),
+            [name in wanted for name in INTERFACE_UNKNOWNS],
+            prior,
+        )
+        return index
+
+    def interface(self, interface: int) -> FlatInterface:
+        """A window as it stands."""
+        now = self._network.interface(interface)
+        return replace(
+            self._interfaces[interface],
+            normal=np.array(now.normal),
+            distance_mm=float(now.distance_mm),
+        )
+
+    def interface_unknowns(self, interface: int) -> FloatArray:
+        """(3,) the values of ``INTERFACE_UNKNOWNS``: tilts from the start normal, distance."""
+        return np.array(self._network.interface_values(interface))
+
+    def interface_tangents(self, interface: int) -> FloatArray:
+        """(2, 3) the directions along which tilt_1 and tilt_2 turn the start normal."""
+        return np.array(self._network.interface_tangents(interface)).T
 
     def add_pose(
         self,
@@ -380,6 +441,9 @@ class Network:
         return Dispersion(
             camera_index=np.array(handle.camera_index, np.int32).reshape(-1, len(CAMERA_UNKNOWNS)),
             pose_index=np.array(handle.pose_index, np.int32),
+            interface_index=np.array(handle.interface_index, np.int32).reshape(
+                -1, len(INTERFACE_UNKNOWNS)
+            ),
             point_index=np.array(handle.point_index, np.int32),
             unknown_names=tuple(handle.names(self._network)),
             redundancy=handle.redundancy,
@@ -390,6 +454,18 @@ class Network:
 
 def _mask(names: Sequence[str]) -> list[bool]:
     return [name in names for name in CAMERA_UNKNOWNS]
+
+
+def _interface_names(argument: str, names: Iterable[str]) -> list[str]:
+    wanted: list[str] = []
+    for name in names:
+        if name not in (*INTERFACE_UNKNOWNS, "normal"):
+            raise ValueError(
+                f"{argument}: expected names of {', '.join(INTERFACE_UNKNOWNS)} or normal, "
+                f"got {name!r}"
+            )
+        wanted += INTERFACE_UNKNOWNS[:2] if name == "normal" else [name]
+    return wanted
 
 
 def _check_names(argument: str, names: Iterable[str]) -> None:

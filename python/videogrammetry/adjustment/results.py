@@ -18,6 +18,10 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray
 #: between pictures.
 CAMERA_UNKNOWNS = (*INTERIOR_NAMES, "aspect", "time_offset")
 
+#: What can be estimated of a window: tangents of the angles by which its normal turns
+#: along two directions of the window (``Network.interface_tangents``), and its distance, mm.
+INTERFACE_UNKNOWNS = ("tilt_1", "tilt_2", "distance")
+
 
 @dataclass(frozen=True, kw_only=True)
 class AdjustOptions:
@@ -140,12 +144,13 @@ class Adjustment:
 class Dispersion:
     """Covariance of the unknowns, a priori (times sigma0^2: a posteriori).
 
-    The unknowns are the cameras', the poses' and the points', in this order.
+    The unknowns are the cameras', the poses', the windows' and the points', in this order.
 
     Attributes
     ----------
     camera_index : per camera, twelve places (``CAMERA_UNKNOWNS``) or -1.
     pose_index : per pose, its first place (rx, ry, rz, tx, ty, tz) or -1.
+    interface_index : per window, three places (``INTERFACE_UNKNOWNS``) or -1.
     point_index : per point, its first place (x, y, z) or -1.
     unknown_names : "left A1", "stage 3 rx", "point 7 x", ...
     redundancy : observations and a-priori values, less unknowns, and ``datum_size``.
@@ -154,6 +159,7 @@ class Dispersion:
 
     camera_index: IntArray
     pose_index: IntArray
+    interface_index: IntArray
     point_index: IntArray
     unknown_names: tuple[str, ...]
     redundancy: int
@@ -167,7 +173,7 @@ class Dispersion:
 
     @cached_property
     def cov(self) -> FloatArray:
-        """(U, U) of the cameras' and poses' unknowns, which come first."""
+        """(U, U) of the cameras', poses' and windows' unknowns, which come first."""
         return np.asarray(self.handle.cov_orientation())
 
     @cached_property

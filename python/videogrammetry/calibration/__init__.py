@@ -9,6 +9,7 @@ from videogrammetry.calibration.design import (
     flat_board,
 )
 from videogrammetry.calibration.run import (
+    CalibrationInterface,
     CalibrationOptions,
     CalibrationRun,
     CameraFrames,
@@ -19,6 +20,7 @@ from videogrammetry.calibration.run import (
 
 __all__ = [
     "CalibrationDesign",
+    "CalibrationInterface",
     "CalibrationOptions",
     "CalibrationRun",
     "CameraFrames",

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.adjustment import CAMERA_UNKNOWNS, Adjustment, Network
+from videogrammetry.calibration.interfaces import add_interfaces, in_target_frame
 from videogrammetry.calibration.late_cameras import image_motion, less_bend
 from videogrammetry.calibration.linking import Rigid, compose
 from videogrammetry.calibration.pictures import Picture
@@ -37,8 +38,9 @@ class Bundle:
     network pose of each camera in the rig (none where every picture has a pose
     of its own); ``pictures``: one a network image; ``stage_pose``: the network pose of
     a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles that the
-    network knows, NaN for points that are none; ``time_offset``: whether cameras may be
-    late, ``delay`` (C,) by which part of a stage they are.
+    network knows, NaN for points that are none; ``windows``: name -> the network's
+    window; ``camera_windows``: the one of each camera, None: none; ``time_offset``: whether
+    cameras may be late, ``delay`` (C,) by which part of a stage they are.
     """
 
     network: Network
@@ -48,6 +50,8 @@ class Bundle:
     stage_pose: dict[int, int] = field(default_factory=dict)
     circle_normal: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    windows: dict[str, int] = field(default_factory=dict)
+    camera_windows: list[int | None] = field(default_factory=list)
     time_offset: bool = False
     delay: FloatArray = field(default_factory=lambda: np.empty(0))
 
@@ -69,6 +73,10 @@ class Bundle:
             usable = np.isfinite(normal).all(axis=1)
             diameter[usable] = target.diameter_mm[usable]
         self.set_circles(normal, diameter)
+
+    def window_of(self, camera: int) -> int | None:
+        """The network's window that a camera looks through; None: none."""
+        return self.camera_windows[camera] if self.camera_windows else None
 
     def network_camera(self, image: int) -> int:
         """The network's camera of a picture."""
@@ -135,13 +143,20 @@ def joint_bundle(
     target_cov: FloatArray,
     options: CalibrationOptions,
 ) -> Bundle:
-    """One pose a stage, one constant relative pose a camera, target coordinates observed."""
+    """One pose a stage, one constant relative pose a camera, target coordinates observed.
+
+    The rig's frame is the first camera's; the target's where windows are stated in that.
+    """
     network = Network()
     bundle = Bundle(
         network=network, camera_of=list(range(len(cameras))), outer=[],
         time_offset=options.time_offset,
     )  # fmt: skip
+    bundle.windows = add_interfaces(network, options.interfaces)
+    of_target = in_target_frame(options)
     for index, (camera, start) in enumerate(zip(cameras, starts, strict=True)):
+        window = None if camera.interface is None else bundle.windows[camera.interface]
+        bundle.camera_windows.append(window)
         # The first camera is the clock.
         late = ("time_offset",) if options.time_offset and index > 0 else ()
         network.add_camera(
@@ -150,15 +165,19 @@ def joint_bundle(
             free=(*offered_names(camera), *late),
             start=start.held,
             prior_sigma=camera.prior_sigma,
+            interface=window,
         )
         # The reference's pose is the frame itself.
-        bundle.outer.append(network.add_pose(camera.name, *cam_from_rig[index], free=index > 0))
+        bundle.outer.append(
+            network.add_pose(camera.name, *cam_from_rig[index], free=index > 0 or of_target)
+        )
     for stage, pose in sorted(rig_from_target.items()):
-        bundle.stage_pose[stage] = network.add_pose(f"stage {stage}", *pose)
+        bundle.stage_pose[stage] = network.add_pose(f"stage {stage}", *pose, free=not of_target)
     for picture in pictures:
         if picture.stage not in starts[picture.camera].poses:
             continue
-        outer = bundle.outer[picture.camera] if picture.camera > 0 else -1
+        # A window stands in the frame that outer poses lead from: none may be missing.
+        outer = bundle.outer[picture.camera] if picture.camera > 0 or options.interfaces else -1
         network.add_image(
             picture.image, picture.camera, outer=outer, inner=bundle.stage_pose[picture.stage]
         )
@@ -170,7 +189,7 @@ def joint_bundle(
         joint = target.full_cov_mm2 + np.eye(3 * len(target)) * (1e-7 * size) ** 2
         network.set_point_prior(np.arange(len(target)), target.position_mm, joint)
     _set_lengths(network, target, options)
-    bundle.set_known_circles(target, options.eccentricity)
+    bundle.set_known_circles(target, options.eccentricity and not options.interfaces)
     bundle.set_observations()
     return bundle
 

@@ -6,6 +6,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from videogrammetry.calibration.interfaces import (
+    apparent_target,
+    check_interfaces,
+    check_sides,
+    in_target_frame,
+    start_in_target_frame,
+)
 from videogrammetry.calibration.joint import calibrate_joint
 from videogrammetry.calibration.linking import link_cameras
 from videogrammetry.calibration.mean import calibrate_mean
@@ -45,6 +52,9 @@ def calibrate(
     ``free`` is None, and targets without a number are assigned to the target's
     points from where they are expected.
 
+    Cameras that look through a flat window into a fluid name it (``interface``), and
+    the options say where it stands: pictures are then those of refracted rays.
+
     Parameters
     ----------
     cameras : the cameras' pictures in the project's order.
@@ -65,6 +75,7 @@ def calibrate(
     if options.method not in METHODS:
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {options.method!r}")
     check_input(cameras, target)
+    check_interfaces(cameras, options)
     try:
         return _calibrate(cameras, target, options)
     except CalibrationError as error:
@@ -101,10 +112,14 @@ def _calibrate(
 ) -> CalibrationRun:
     began = time.perf_counter()
     pictures = collect_pictures(cameras, target)
-    starts = [start_camera(c, pictures.of_camera(i), target) for i, c in enumerate(cameras)]
-    rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, target)
+    seen = [apparent_target(c, target, options) for c in cameras]
+    starts = [start_camera(c, pictures.of_camera(i), seen[i]) for i, c in enumerate(cameras)]
+    rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, seen)
     for camera, stage in rig.dropped:
         del starts[camera].poses[stage]
+    if in_target_frame(options):
+        rig = start_in_target_frame(rig)
+    check_sides(cameras, rig, options)
     if options.method == "mean":
         outcome = calibrate_mean(cameras, starts, rig, pictures, target, options)
     else:

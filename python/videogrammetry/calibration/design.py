@@ -141,6 +141,7 @@ def design_calibration(
         its positions, no chain of positions ties all cameras together, or the
         unknowns are not determined.
     """
+    _check_in_air(rig)
     poses = _positions(rig, target, volume, options)
     return design_at_positions(rig, target, poses, options)
 
@@ -158,6 +159,7 @@ def design_at_positions(
     ------
     CalibrationError : as :func:`design_calibration`.
     """
+    _check_in_air(rig)
     poses = tuple(world_from_target)
     seen = [_visible(rig, target, pose, options) for pose in poses]
     counts = np.array([[s.sum() for s in one] for one in seen])
@@ -185,6 +187,15 @@ def design_at_positions(
         world_from_target=poses,
         points_seen=counts,
     )
+
+
+def _check_in_air(rig: RigData) -> None:
+    for name, camera in rig.cameras.items():
+        if camera.interface is not None:
+            raise CalibrationError(
+                f"camera {name}: it looks through the interface {camera.interface.name!r}; "
+                "planning knows no refraction: plan in air, with the volume at its apparent depth"
+            )
 
 
 Seen = list[npt.NDArray[np.bool_]]

@@ -91,6 +91,12 @@ def calibrate_free_points(
     options = options or CalibrationOptions()
     if len(cameras) < 2:
         raise ValueError(f"cameras: unknown points need two or more, got {len(cameras)}")
+    refracted = [camera.name for camera in cameras if camera.interface is not None]
+    if refracted:
+        raise ValueError(
+            f"camera {refracted[0]}: it looks through an interface; points of unknown place have "
+            "no refraction: calibrate with a target of known points"
+        )
     places, pictures, rejected = _collect(cameras, frozenset(still))
     bars = _bars(places, lengths)
     network = _start(cameras, places, pictures, bars)

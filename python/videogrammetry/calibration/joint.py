@@ -9,6 +9,7 @@ import numpy as np
 
 from videogrammetry.adjustment import CAMERA_UNKNOWNS
 from videogrammetry.calibration.bundle import joint_bundle
+from videogrammetry.calibration.interfaces import adjusted_interfaces
 from videogrammetry.calibration.linking import RigStart
 from videogrammetry.calibration.mirrored import settle_doubtful
 from videogrammetry.calibration.network_result import AdjustedBars
@@ -45,20 +46,23 @@ def calibrate_joint(
     changed, warnings = settle_doubtful(solution, rig.doubtful)
     if changed:
         solution = solve(bundle, cameras, f_given, target, options)
-    network, adjustment = bundle.network, solution.adjustment
+    network, adjustment, dispersion = bundle.network, solution.adjustment, solution.dispersion
     return Outcome(
         solutions=(solution,),
         interior=[network.interior(i) for i in range(len(cameras))],
         cam_from_rig=[network.pose(pose) for pose in bundle.outer],
         rig_from_target={s: network.pose(pose) for s, pose in bundle.stage_pose.items()},
         cov=camera_covariance(solution),
+        interfaces=adjusted_interfaces(
+            network, bundle.windows, dispersion.interface_index, dispersion.cov, adjustment.sigma0
+        ) if bundle.windows else {},
         position_mm=network.positions_mm,
         point_cov_mm2=adjustment.sigma0**2 * solution.dispersion.point_cov_mm2,
         rejected=rig.rejected,
         warnings=warnings,
         statistics=_time_offsets(cameras, solution) if options.time_offset else {},
         bars=_bars(solution, target, options) if options.lengths else None,
-    )
+    )  # fmt: skip
 
 
 def _bars(solution: Solution, target: PointSet, options: CalibrationOptions) -> AdjustedBars:
@@ -89,7 +93,10 @@ def _time_offsets(cameras: Sequence[CameraFrames], solution: Solution) -> dict[s
 def camera_covariance(solution: Solution) -> FloatArray:
     """A-posteriori covariance (16 C, 16 C) of the cameras' interior and exterior parameters.
 
-    Held parameters (and the reference camera's pose) have no variance.
+    Held parameters (and the reference camera's pose) have no variance. Where windows
+    are estimated it is the covariance given the windows: what a window's error does to
+    points, the cameras' poses and f compensate almost wholly, and their covariance
+    without the window's would state it as an error of the points.
     """
     dispersion = solution.dispersion
     places: list[int] = []
@@ -100,5 +107,13 @@ def camera_covariance(solution: Solution) -> FloatArray:
     place = np.array(places)
     free = np.flatnonzero(place >= 0)
     cov = np.zeros((len(place), len(place)))
-    cov[np.ix_(free, free)] = dispersion.cov[np.ix_(place[free], place[free])]
+    known = place[free]
+    cov[np.ix_(free, free)] = dispersion.cov[np.ix_(known, known)]
+    window = dispersion.interface_index[dispersion.interface_index >= 0]
+    if window.size:
+        across = dispersion.cov[np.ix_(known, window)]
+        own = dispersion.cov[np.ix_(window, window)]
+        scale = 1.0 / np.sqrt(np.diag(own))  # rad beside mm
+        whitened = np.linalg.solve(own * np.outer(scale, scale), (across * scale).T)
+        cov[np.ix_(free, free)] -= (across * scale) @ whitened
     return solution.adjustment.sigma0**2 * cov

@@ -56,9 +56,12 @@ def link_cameras(
     names: Sequence[str],
     starts: Sequence[CameraStart],
     pictures: Sequence[Picture],
-    target: PointSet,
+    seen_target: Sequence[PointSet],
 ) -> RigStart:
     """Tie all cameras to the first one through the stages they share.
+
+    ``seen_target``: the target as it seems to lie to each camera (through a window
+    into a fluid nearer than it is).
 
     The pair with the most shared stages goes first (a maximum spanning tree).
     Of each picture's one or two pose candidates those are taken that make the
@@ -90,13 +93,14 @@ def link_cameras(
     dropped = set()
     for stage in sorted(set().union(*stages)):
         seen = [p for p in pictures if p.stage == stage and stage in starts[p.camera].poses]
-        best, twin = _stage_pose(seen, starts, cams, target)
+        best, twin = _stage_pose(seen, starts, cams, seen_target)
         rig_from_target[stage] = best
         if twin is not None:
             doubtful[stage] = twin
         for picture in seen:
             start = starts[picture.camera]
-            misfit = _misfit_px(start, compose(cams[picture.camera], best), picture, target)
+            pose = compose(cams[picture.camera], best)
+            misfit = _misfit_px(start, pose, picture, seen_target[picture.camera])
             if misfit > MISFIT_GATES * start.gate_px:
                 dropped.add((picture.camera, stage))
                 rejected.append(
@@ -207,7 +211,7 @@ def _stage_pose(
     seen: Sequence[Picture],
     starts: Sequence[CameraStart],
     cams: Sequence[Rigid],
-    target: PointSet,
+    seen_target: Sequence[PointSet],
 ) -> tuple[Rigid, Rigid | None]:
     """The stage's pose that fits its pictures best, and its twin if that fits nearly as well."""
     seen = sorted(seen, key=len, reverse=True)[:8]
@@ -218,7 +222,8 @@ def _stage_pose(
                 invert(cams[picture.camera]), (candidate.rotation, candidate.translation_mm)
             )
             costs = [
-                _cost(starts[q.camera], compose(cams[q.camera], pose), q, target) for q in seen
+                _cost(starts[q.camera], compose(cams[q.camera], pose), q, seen_target[q.camera])
+                for q in seen
             ]
             trials.append((float(np.mean(costs)), pose))
     trials.sort(key=lambda trial: trial[0])

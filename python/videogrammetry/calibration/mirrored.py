@@ -59,7 +59,12 @@ def _refine(solution: Solution, stage: int, pose: Rigid) -> tuple[float, Rigid]:
             r0_px=model.r0_px, rotation=np.eye(3), translation_mm=np.zeros(3),
         )  # fmt: skip
         floor = bundle.network.floor_px(bundle.network_camera(image))
-        camera = network.add_camera(picture.image, held, free=(), floor_px=floor)
+        window = bundle.window_of(picture.camera)
+        camera = network.add_camera(
+            picture.image, held, free=(), floor_px=floor,
+            interface=None if window is None
+            else network.add_interface(bundle.network.interface(window)),
+        )  # fmt: skip
         outer = network.add_pose(
             picture.image, *bundle.network.pose(bundle.outer[picture.camera]), free=False
         )

@@ -148,7 +148,11 @@ class _Sight:
         lens = replace(
             self.camera, interior=interior, rotation=np.eye(3), translation_mm=np.zeros(3)
         )
-        number = network.add_camera("camera", lens, free=())
+        window = self.camera.interface
+        number = network.add_camera(
+            "camera", lens, free=(),
+            interface=None if window is None else network.add_interface(window),
+        )  # fmt: skip
         pose = network.add_pose("pose", *start)
         network.add_image("picture", number, inner=pose)
         n = len(self.points_mm)

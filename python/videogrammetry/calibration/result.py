@@ -10,6 +10,7 @@ import numpy as np
 
 from videogrammetry.adjustment import Adjustment
 from videogrammetry.calibration.bundle import POSE_NAMES, rms_px
+from videogrammetry.calibration.interfaces import in_target_frame
 from videogrammetry.calibration.linking import Rigid
 from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.pictures import Pictures
@@ -24,6 +25,7 @@ from videogrammetry.calibration.solving import Solution
 from videogrammetry.calibration.start import CameraStart
 from videogrammetry.types import (
     INTERIOR_NAMES,
+    FlatInterface,
     FloatArray,
     IntArray,
     PointSet,
@@ -51,6 +53,7 @@ class Outcome:
     cov: FloatArray
     position_mm: FloatArray
     point_cov_mm2: FloatArray | None
+    interfaces: Mapping[str, FlatInterface] = field(default_factory=dict)
     rejected: Sequence[Rejection] = ()
     warnings: Sequence[str] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict)
@@ -88,7 +91,7 @@ def calibration_run(
         for index, camera in enumerate(s.bundle.camera_of)
     }
     return CalibrationRun(
-        rig=rig_data(cameras, starts, outcome, how),
+        rig=rig_data(cameras, starts, outcome, how, in_target_frame(options)),
         method=options.method,
         camera_names=names,
         image_names={(names[p.camera], p.stage): p.image for p in pictures.pictures},
@@ -150,8 +153,9 @@ def rig_data(
     starts: Sequence[CameraStart],
     outcome: Outcome,
     how: Mapping[str, Any],
+    of_target: bool = False,
 ) -> RigData:
-    """The rig with its covariance."""
+    """The rig with its covariance; ``of_target``: in the target's frame."""
     sigma = np.sqrt(np.maximum(np.diag(outcome.cov), 0.0)).reshape(len(cameras), -1)
     floors = {
         cameras[camera].name: s.bundle.network.floor_px(index)
@@ -165,10 +169,11 @@ def rig_data(
                 r0_px=starts[i].model.r0_px, rotation=outcome.cam_from_rig[i][0],
                 translation_mm=outcome.cam_from_rig[i][1],
                 sigma=dict(zip(CAMERA_PARAMETERS, map(float, sigma[i]), strict=True)),
+                interface=outcome.interfaces.get(camera.interface or ""),
             )
             for i, camera in enumerate(cameras)
         },
-        reference=f"camera {cameras[0].name}",
+        reference="target" if of_target else f"camera {cameras[0].name}",
         cov=outcome.cov,
         cov_names=tuple(f"{c.name}/{p}" for c in cameras for p in CAMERA_PARAMETERS),
         sigma_floor_px={camera.name: floors[camera.name] for camera in cameras},

@@ -9,7 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.calibration.network_result import AdjustedBars
-from videogrammetry.types import INTERIOR_NAMES, FloatArray, IntArray, PointSet, RigData
+from videogrammetry.types import (
+    INTERIOR_NAMES,
+    FlatInterface,
+    FloatArray,
+    IntArray,
+    PointSet,
+    RigData,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +42,31 @@ class FrameTargets:
     ellipse_cov: FloatArray | None = None
 
 
+#: In which frame the windows of a calibration are stated.
+INTERFACE_FRAMES = ("rig", "target")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationInterface:
+    """A flat window that cameras look through, as a calibration starts with it.
+
+    Attributes
+    ----------
+    interface : start values (indices and glass are held); cameras name it.
+    free : "normal" (or "tilt_1", "tilt_2") and "distance": what is estimated.
+        Distance, f and the cameras' distance from the target are strongly
+        correlated; hold what is known.
+    prior_sigma : the same names -> standard deviation (rad, mm) of the start values.
+    frame : "target": stated in the target's frame, which becomes the rig's; needs
+        a single stage. "rig": in that of the first camera.
+    """
+
+    interface: FlatInterface
+    free: tuple[str, ...] = ()
+    prior_sigma: Mapping[str, float] = field(default_factory=dict)
+    frame: str = "target"
+
+
 @dataclass(frozen=True, kw_only=True)
 class CameraFrames:
     """One camera's pictures of the calibration target.
@@ -42,7 +74,8 @@ class CameraFrames:
     ``start`` gives start values (``f_px``, ``x0_px``, ``y0_px``, ``A1``...);
     ``free`` the interior parameters to estimate (None: all ten, each kept only
     if significant); ``prior_sigma`` standard deviations with which start values are
-    observed; ``r0_px`` None = 2/3 of the half diagonal.
+    observed; ``r0_px`` None = 2/3 of the half diagonal. ``interface`` names one of
+    ``CalibrationOptions.interfaces``: the window that the camera looks through.
     """
 
     name: str
@@ -51,6 +84,7 @@ class CameraFrames:
     start: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     r0_px: float | None = None
+    interface: str | None = None
     prior_sigma: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -89,6 +123,8 @@ class CalibrationOptions:
         a diameter and a normal of the target's table, or a normal that the
         ellipses tell. False: take them for the pictures of the circles' centres.
     diameter_mm : of circles whose diameter the table does not state; None: unknown.
+    interfaces : windows into a fluid that cameras look through (``CameraFrames.interface``);
+        method "joint" only. With them ellipses' centres are taken for the circles'.
     time_offset : estimate by which part of the interval between two stages a camera is late
         (the first is the clock), from how targets move from stage to stage; joint only.
         Stages of neighbouring numbers must be neighbours in time.
@@ -103,6 +139,7 @@ class CalibrationOptions:
     significance: float = 2.58
     eccentricity: bool = True
     diameter_mm: float | None = None
+    interfaces: tuple[CalibrationInterface, ...] = ()
     time_offset: bool = False
     lengths: tuple[KnownLength, ...] = ()
     num_threads: int = 0
@@ -152,7 +189,8 @@ class CalibrationRun:
 
     Attributes
     ----------
-    rig : the cameras with their covariance; frame: the first camera's.
+    rig : the cameras with their covariance; frame: the first camera's (the target's
+        where windows are stated in that).
     method : "joint" or "mean".
     camera_names, image_names : names of ``observations.camera`` and of
         (camera, stage) pictures.

@@ -84,7 +84,7 @@ def solve(
         adjustment = bundle.network.adjust(again, offered(own))
         dispersion = bundle.network.dispersion()
     remarks: list[str] = []
-    if options.eccentricity:
+    if options.eccentricity and not options.interfaces:
         changed, remarks = complete_circles(bundle, target, options.diameter_mm)
         if changed:
             adjustment = bundle.network.adjust(again, offered(own))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from videogrammetry.errors import CalibrationError
 from videogrammetry.export import colmap, kalibr, mrcal, opencv, ros
 from videogrammetry.export.lenses import LensCamera, convert_rig
 from videogrammetry.types import RigData
@@ -58,8 +59,14 @@ def convert_for(
     ValueError
         The format does not have this model.
     CalibrationError
-        A camera's distortion folds over within its picture.
+        A camera's distortion folds over within its picture, or it looks through a window.
     """
+    for camera, data in rig.cameras.items():
+        if data.interface is not None:
+            raise CalibrationError(
+                f"camera {camera}: it looks through the interface {data.interface.name!r} into a "
+                f"fluid, which {name} files cannot say; read rig.json itself"
+            )
     form = RIG_FORMATS[name]
     if model is not None and model not in form.models:
         raise ValueError(f"model: {name} has {', '.join(form.models)}, not {model}")

@@ -12,6 +12,14 @@ from videogrammetry.geometry.camera import (
 )
 from videogrammetry.geometry.circle import CircleNormals, ellipse_centres, estimate_normals
 from videogrammetry.geometry.lens_model import LensModel, project_lens, rays_through_lens
+from videogrammetry.geometry.refraction import (
+    apparent_points,
+    interface_model,
+    oriented_model,
+    project_from_world,
+    project_from_world_with_jacobians,
+    rays_from_pixels,
+)
 from videogrammetry.geometry.rig import (
     CAMERA_PARAMETERS,
     full_covariance,
@@ -45,17 +53,23 @@ __all__ = [
     "LensModel",
     "MeasuringVolume",
     "Undistortion",
+    "apparent_points",
     "camera_model",
     "default_r0_px",
     "ellipse_centres",
     "estimate_normals",
     "full_covariance",
     "ideal_camera",
+    "interface_model",
     "nearest_rotation",
+    "oriented_model",
     "point_nearest_to_axes",
     "project",
+    "project_from_world",
+    "project_from_world_with_jacobians",
     "project_lens",
     "project_with_jacobians",
+    "rays_from_pixels",
     "rays_through_lens",
     "rays_through_pixels",
     "rig_model",

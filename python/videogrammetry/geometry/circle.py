@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from videogrammetry._core import geometry as _geometry
 from videogrammetry.geometry.camera import camera_model
+from videogrammetry.geometry.refraction import oriented_model
 
 if TYPE_CHECKING:
     from videogrammetry.types import FloatArray, RigCamera
@@ -89,7 +90,7 @@ def estimate_normals(
     ellipse_cov : (M, 3, 3) covariance of axes and angle.
     position_mm : (P, 3) the circles' centres.
     """
-    rig = [_geometry.OrientedCamera(camera_model(c), c.rotation, c.translation_mm) for c in cameras]
+    rig = [oriented_model(c) for c in cameras]
     rows = np.ascontiguousarray(ellipse, dtype=np.float64).reshape(-1, 5)
     normal, cov, diameter = _geometry.estimate_normals(
         rig,

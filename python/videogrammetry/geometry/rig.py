@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from videogrammetry._core import geometry as _geometry
-from videogrammetry.geometry.camera import camera_model
+from videogrammetry.geometry.refraction import oriented_model
 from videogrammetry.types import INTERIOR_NAMES
 
 if TYPE_CHECKING:
@@ -21,10 +20,7 @@ CAMERA_PARAMETERS = (*INTERIOR_NAMES, "rx", "ry", "rz", "tx", "ty", "tz")
 
 def rig_model(rig: RigData) -> list[Any]:
     """The C++ oriented cameras of a rig, in its order."""
-    return [
-        _geometry.OrientedCamera(camera_model(camera), camera.rotation, camera.translation_mm)
-        for camera in rig.cameras.values()
-    ]
+    return [oriented_model(camera) for camera in rig.cameras.values()]
 
 
 def full_covariance(rig: RigData) -> FloatArray:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.calibration import (
+    CalibrationInterface,
     CalibrationOptions,
     CalibrationRun,
     CameraFrames,
@@ -41,7 +42,14 @@ from videogrammetry.project import (
 from videogrammetry.project.schema import START_NAMES
 from videogrammetry.recognition import RecognitionOptions, recognize_sequence
 from videogrammetry.sequence import as_source, check_same_length
-from videogrammetry.types import INTERIOR_NAMES, FrameSource, Observations, PointSet, Targets
+from videogrammetry.types import (
+    INTERIOR_NAMES,
+    FlatInterface,
+    FrameSource,
+    Observations,
+    PointSet,
+    Targets,
+)
 
 
 def calibrate_project(
@@ -106,6 +114,7 @@ def calibrate_by(
             method=method,
             sigma_mm=section.sigma_mm,
             diameter_mm=project.targets.diameter_mm,
+            interfaces=calibration_interfaces(project),
             time_offset=section.time_offset and method == "joint",
             lengths=lengths if target is not None and method == "joint" else (),
             num_threads=num_threads,
@@ -227,7 +236,30 @@ def _frames(
         start=camera.start,
         free=camera.free,
         r0_px=camera.r0_px,
+        interface=camera.interface,
     )
+
+
+def calibration_interfaces(project: Project) -> tuple[CalibrationInterface, ...]:
+    """The windows of ``[interfaces]`` as the calibration takes them."""
+    found = []
+    for section in project.interfaces.values():
+        index, thickness_mm = section.glass or (1.0, 0.0)
+        sigma = {}
+        if section.sigma_normal_deg is not None:
+            sigma["normal"] = float(np.radians(section.sigma_normal_deg))
+        if section.sigma_distance_mm is not None:
+            sigma["distance"] = section.sigma_distance_mm
+        interface = FlatInterface(
+            name=section.name, normal=np.array(section.normal), distance_mm=section.distance_mm,
+            fluid_index=section.fluid, glass_index=index, glass_thickness_mm=thickness_mm,
+        )  # fmt: skip
+        found.append(
+            CalibrationInterface(
+                interface=interface, free=section.free, prior_sigma=sigma, frame=section.frame
+            )
+        )
+    return tuple(found)
 
 
 def frame_targets(stage: int, image: str, targets: Targets) -> FrameTargets:

@@ -28,6 +28,7 @@ from videogrammetry.project.rig_file import read_rig, write_rig
 from videogrammetry.project.schema import (
     CalibrationSection,
     CameraSection,
+    InterfaceSection,
     MotionSection,
     Project,
     SequenceSection,
@@ -54,6 +55,7 @@ __all__ = [
     "CENTROID",
     "CalibrationSection",
     "CameraSection",
+    "InterfaceSection",
     "MotionSection",
     "MotionTable",
     "PlanFile",

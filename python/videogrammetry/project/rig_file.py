@@ -6,6 +6,12 @@ same names, its ``rotation`` being three angles in rad, the standard deviations
 of the rotation vector applied on the left of cam_from_world. ``covariance``
 names the ``.npz`` (arrays ``cov`` and ``names``, "camera/parameter") and its
 SHA-256, so that a covariance of another calibration is never taken.
+
+Only where cameras look through flat windows into a fluid: ``interfaces``, by name
+{"normal": [x, y, z] unit, towards the cameras, "distance_mm": normal . X on the
+cameras' side of the window, "fluid_index": ..., "glass": [index, thickness_mm],
+"sigma": {"tilt_1", "tilt_2" in rad, "distance_mm"}}, the last two optional, and
+``interface`` of a camera names one.
 """
 
 from __future__ import annotations
@@ -25,7 +31,7 @@ from videogrammetry.errors import ProjectFileError
 from videogrammetry.project.atomic import write_bytes, write_text
 from videogrammetry.project.provenance import plain, sha256_of
 from videogrammetry.project.toml_table import nearest
-from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera, RigData
+from videogrammetry.types import INTERIOR_NAMES, FlatInterface, FloatArray, RigCamera, RigData
 
 #: The version of the file's layout that this program writes and reads.
 SCHEMA = 1
@@ -36,9 +42,11 @@ INTERIOR_KEYS = tuple(
 ROTATION_NAMES = ("rx", "ry", "rz")
 TRANSLATION_NAMES = ("tx", "ty", "tz")
 
-_RIG_KEYS = ("schema", "distortion", "cameras", "reference", "how", "covariance")
+_RIG_KEYS = ("schema", "distortion", "cameras", "reference", "how", "covariance", "interfaces")
 _CAMERA_KEYS = ("image_size_px", *INTERIOR_KEYS, "r0_px", "cam_from_world")
-_CAMERA_OPTIONAL = ("sigma", "sigma_floor_px")
+_CAMERA_OPTIONAL = ("sigma", "sigma_floor_px", "interface")
+_INTERFACE_KEYS = ("normal", "distance_mm", "fluid_index")
+_INTERFACE_SIGMAS = {"tilt_1": "tilt_1", "tilt_2": "tilt_2", "distance_mm": "distance"}
 _SIGMA_KEYS = (*INTERIOR_KEYS, "cam_from_world")
 _POSE_KEYS = ("rotation", "translation_mm")
 _ROTATION_TOLERANCE = 1e-6
@@ -63,6 +71,9 @@ def write_rig(path: str | os.PathLike[str], rig: RigData) -> None:
         "reference": rig.reference,
         "how": plain(rig.how),
     }
+    interfaces = _interfaces_of(rig)
+    if interfaces:
+        document["interfaces"] = {n: _interface_to_json(i) for n, i in interfaces.items()}
     beside = target.with_suffix(".npz")
     if rig.cov is not None:
         data = _npz_bytes(rig)
@@ -71,6 +82,39 @@ def write_rig(path: str | os.PathLike[str], rig: RigData) -> None:
     write_text(target, json.dumps(document, indent=1, allow_nan=False) + "\n")
     if rig.cov is None:
         beside.unlink(missing_ok=True)
+
+
+def _interfaces_of(rig: RigData) -> dict[str, FlatInterface]:
+    """The rig's windows by name; ValueError where two of one name differ."""
+    found: dict[str, FlatInterface] = {}
+    for name, camera in rig.cameras.items():
+        if camera.interface is None:
+            continue
+        first = found.setdefault(camera.interface.name, camera.interface)
+        if _interface_to_json(first) != _interface_to_json(camera.interface):
+            raise ValueError(
+                f"camera {name}: its interface {first.name!r} differs from another camera's of the "
+                "same name; give it another name"
+            )
+    return found
+
+
+def _interface_to_json(interface: FlatInterface) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "normal": np.asarray(interface.normal, dtype=float).tolist(),
+        "distance_mm": float(interface.distance_mm),
+        "fluid_index": float(interface.fluid_index),
+    }
+    if interface.glass_thickness_mm > 0:
+        result["glass"] = [float(interface.glass_index), float(interface.glass_thickness_mm)]
+    sigma = {
+        key: float(interface.sigma[name])
+        for key, name in _INTERFACE_SIGMAS.items()
+        if name in interface.sigma
+    }
+    if sigma:
+        result["sigma"] = sigma
+    return result
 
 
 def _npz_bytes(rig: RigData) -> bytes:
@@ -99,6 +143,8 @@ def _camera_to_json(camera: RigCamera, sigma_floor_px: float | None) -> dict[str
     sigma = _sigma_to_json(camera.sigma)
     if sigma:
         result["sigma"] = sigma
+    if camera.interface is not None:
+        result["interface"] = camera.interface.name
     if sigma_floor_px is not None:
         result["sigma_floor_px"] = float(sigma_floor_px)
     return result
@@ -143,8 +189,14 @@ def read_rig(path: str | os.PathLike[str]) -> RigData:
     if not isinstance(cameras, dict) or not cameras:
         raise reader.error("it names no camera")
     floors = {n: c["sigma_floor_px"] for n, c in cameras.items() if _has(c, "sigma_floor_px")}
+    windows = document.get("interfaces") or {}
+    if not isinstance(windows, dict):
+        raise reader.error("interfaces is not a JSON object")
+    interfaces = {name: reader.interface(name, item) for name, item in windows.items()}
     return RigData(
-        cameras={name: reader.camera(name, item, measured) for name, item in cameras.items()},
+        cameras={
+            name: reader.camera(name, item, measured, interfaces) for name, item in cameras.items()
+        },
         reference=str(document.get("reference", "")),
         sigma_floor_px={n: reader.number(f, f"{n} sigma_floor_px") for n, f in floors.items()},
         how=document.get("how") or {},
@@ -226,7 +278,39 @@ class _Reader:
             raise self.error(f"{where} is not {size} finite numbers")
         return result
 
-    def camera(self, name: str, item: Any, measured: bool) -> RigCamera:
+    def interface(self, name: str, item: Any) -> FlatInterface:
+        """One window, checked."""
+        where = f"interface {name!r}"
+        self.check_keys(item, where, _INTERFACE_KEYS, ("glass", "sigma"))
+        normal = self.array(item["normal"], (3,), f"{where} normal")
+        off = abs(float(np.linalg.norm(normal)) - 1.0)
+        if off > _ROTATION_TOLERANCE:
+            raise self.error(f"{where} normal is not of unit length (off by {off:.2g})")
+        glass = self.array(item.get("glass", [1.0, 0.0]), (2,), f"{where} glass")
+        fluid = self.number(item["fluid_index"], f"{where} fluid_index")
+        if not (1 <= fluid <= 4 and 1 <= glass[0] <= 4 and glass[1] >= 0):
+            raise self.error(
+                f"{where} has fluid_index {fluid}, glass {glass.tolist()}: refractive indices are "
+                "1 to 4, a thickness is not negative"
+            )
+        sigma = item.get("sigma") or {}
+        self.check_keys(sigma, f"{where} sigma", (), tuple(_INTERFACE_SIGMAS))
+        return FlatInterface(
+            name=name,
+            normal=normal,
+            distance_mm=self.number(item["distance_mm"], f"{where} distance_mm"),
+            fluid_index=fluid,
+            glass_index=float(glass[0]),
+            glass_thickness_mm=float(glass[1]),
+            sigma={
+                _INTERFACE_SIGMAS[key]: self.number(value, f"{where} sigma {key}")
+                for key, value in sigma.items()
+            },
+        )
+
+    def camera(
+        self, name: str, item: Any, measured: bool, interfaces: Mapping[str, FlatInterface]
+    ) -> RigCamera:
         """One camera, checked."""
         where = f"camera {name!r}"
         self.check_keys(item, where, _CAMERA_KEYS, _CAMERA_OPTIONAL)
@@ -239,6 +323,11 @@ class _Reader:
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if off > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
             raise self.error(f"{where} rotation is not a rotation matrix (off by {off:.2g})")
+        window = item.get("interface")
+        if window is not None and window not in interfaces:
+            raise self.error(
+                f"{where} looks through the interface {window!r}, which is not among 'interfaces'"
+            )
         interior = np.array([self.number(item[k], f"{where} {k}") for k in INTERIOR_KEYS])
         r0_px = self.number(item["r0_px"], f"{where} r0_px")
         if interior[0] <= 0 or r0_px < 0:
@@ -251,6 +340,7 @@ class _Reader:
             translation_mm=self.array(pose["translation_mm"], (3,), f"{where} translation_mm"),
             measured=measured,
             sigma=self.sigma(item.get("sigma") or {}, f"{where} sigma"),
+            interface=None if window is None else interfaces[window],
         )
 
     def sigma(self, item: Any, where: str) -> dict[str, float]:

@@ -7,6 +7,7 @@ it are relative to the file. docs/how-to/first-measurement.md has an example.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -45,6 +46,7 @@ class CameraSection:
     free : interior parameters to estimate, this camera's or ``[calibration]``'s;
         None: all ten, each kept only if significant; (): none, poses alone.
     r0_px : this camera's or ``[calibration]``'s; None: 2/3 of the half diagonal.
+    interface : the window ``[interfaces.NAME]`` that it looks through; None: none.
     """
 
     name: str
@@ -54,6 +56,7 @@ class CameraSection:
     start: Mapping[str, float] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     r0_px: float | None = None
+    interface: str | None = None
 
     @property
     def observations(self) -> str | None:
@@ -61,6 +64,31 @@ class CameraSection:
         if self.calibration and self.calibration[0].lower().endswith(".csv"):
             return self.calibration[0]
         return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class InterfaceSection:
+    """``[interfaces.NAME]``: a flat window into a fluid that cameras look through.
+
+    Attributes
+    ----------
+    normal, distance_mm : the plane normal . X = distance_mm of the window's face on the
+        cameras' side, ``normal`` pointing to them (made of unit length), in the target's
+        frame (``frame`` = "target", one stage) or the first camera's ("rig").
+    fluid : refractive index. glass : (index, thickness in mm); None: not counted.
+    free : "normal", "distance": what the calibration estimates.
+    sigma_normal_deg, sigma_distance_mm : how well the start values are known; None: not.
+    """
+
+    name: str
+    normal: tuple[float, float, float]
+    distance_mm: float
+    fluid: float = 1.333
+    glass: tuple[float, float] | None = None
+    free: tuple[str, ...] = ()
+    sigma_normal_deg: float | None = None
+    sigma_distance_mm: float | None = None
+    frame: str = "target"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +171,7 @@ class Project:
     path: Path
     name: str
     cameras: Mapping[str, CameraSection]
+    interfaces: Mapping[str, InterfaceSection] = field(default_factory=dict)
     calibration: CalibrationSection = field(default_factory=CalibrationSection)
     targets: TargetsSection = field(default_factory=TargetsSection)
     sequence: SequenceSection = field(default_factory=SequenceSection)
@@ -186,13 +215,23 @@ def read_project(path: str | os.PathLike[str]) -> Project:
     _check_schema(root)
     folder = file.resolve().parent
     name = root.string("name", folder.name)
-    sections = ("cameras", "calibration", "targets", "sequence", "stability", "motion", "verify")
+    sections = (
+        "cameras",
+        "interfaces",
+        "calibration",
+        "targets",
+        "sequence",
+        "stability",
+        "motion",
+        "verify",
+    )
     tables = {section: root.table(section) for section in sections}
     root.finish()
     return Project(
         path=file.resolve(),
         name=name,
-        cameras=_cameras(tables["cameras"], tables["calibration"]),
+        cameras=_cameras(tables["cameras"], tables["calibration"], tables["interfaces"].names()),
+        interfaces=_interfaces(tables["interfaces"]),
         calibration=_calibration(tables["calibration"], folder),
         targets=_targets(tables["targets"], folder),
         sequence=_sequence(tables["sequence"]),
@@ -216,7 +255,41 @@ def _check_schema(root: TomlTable) -> None:
         raise root.error("schema", f"= {schema} has never been: write schema = {SCHEMA}")
 
 
-def _cameras(table: TomlTable, calibration: TomlTable) -> dict[str, CameraSection]:
+def _interfaces(table: TomlTable) -> dict[str, InterfaceSection]:
+    return {name: _interface(table.table(name), name) for name in table.names()}
+
+
+def _interface(table: TomlTable, name: str) -> InterfaceSection:
+    normal = table.vector("normal", 3, what="[x, y, z], pointing to the cameras")
+    length = math.sqrt(sum(v * v for v in normal))
+    glass = table.numbers("glass", 2, None, what="[index, thickness_mm]")
+    section = InterfaceSection(
+        name=name,
+        normal=(normal[0] / length, normal[1] / length, normal[2] / length),
+        distance_mm=table.number("distance_mm"),
+        fluid=table.number("fluid", 1.333),
+        glass=None if glass is None else (float(glass[0]), float(glass[1])),
+        free=table.strings("free", (), empty=True),
+        sigma_normal_deg=table.number("sigma_normal_deg", None, above=0),
+        sigma_distance_mm=table.number("sigma_distance_mm", None, above=0),
+        frame=table.choice("frame", ("target", "rig"), "target"),
+    )
+    table.finish()
+    for word in section.free:
+        if word not in ("normal", "distance"):
+            raise table.error("free", f"has {word!r}: expected normal, distance")
+    if not 1 <= section.fluid <= 4:
+        raise table.error("fluid", f"= {section.fluid:g}: a refractive index is 1 to 4")
+    if section.glass is not None and not (1 <= section.glass[0] <= 4 and section.glass[1] >= 0):
+        raise table.error(
+            "glass", f"= {list(section.glass)}: expected an index of 1 to 4 and a thickness in mm"
+        )
+    return section
+
+
+def _cameras(
+    table: TomlTable, calibration: TomlTable, interfaces: list[str]
+) -> dict[str, CameraSection]:
     names = table.names()
     if not names:
         raise table.error(None, "names no camera: add a table [cameras.NAME] for each")
@@ -229,7 +302,9 @@ def _cameras(table: TomlTable, calibration: TomlTable) -> dict[str, CameraSectio
             )
     r0_px = calibration.number("r0_px", None, above=0)
     frees = _frees(calibration, names)
-    return {name: _camera(table.table(name), name, frees[name], r0_px) for name in names}
+    return {
+        name: _camera(table.table(name), name, frees[name], r0_px, interfaces) for name in names
+    }
 
 
 def _frees(calibration: TomlTable, cameras: list[str]) -> dict[str, tuple[str, ...] | None]:
@@ -257,7 +332,11 @@ def _interior_names(table: TomlTable, key: str) -> tuple[str, ...] | None:
 
 
 def _camera(
-    table: TomlTable, name: str, free: tuple[str, ...] | None, r0_px: float | None
+    table: TomlTable,
+    name: str,
+    free: tuple[str, ...] | None,
+    r0_px: float | None,
+    interfaces: list[str],
 ) -> CameraSection:
     size = table.numbers("image_size_px", 2, None, what="[width, height]")
     if size is not None and not all(isinstance(v, int) for v in size):
@@ -271,8 +350,15 @@ def _camera(
         start=_start(table.table("start")),
         free=free if own_free is None else own_free,
         r0_px=table.number("r0_px", r0_px, above=0),
+        interface=table.string("interface", None),
     )
     table.finish()
+    if camera.interface is not None and camera.interface not in interfaces:
+        raise table.error(
+            "interface",
+            f"= {camera.interface!r}: there is no table [interfaces.{camera.interface}]"
+            f"{nearest(camera.interface, interfaces)}",
+        )
     if camera.observations is not None:
         if len(camera.calibration or ()) > 1:
             raise table.error("calibration", "mixes an observations CSV with other files")

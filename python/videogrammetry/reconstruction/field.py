@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from videogrammetry.geometry import CAMERA_PARAMETERS, full_covariance, rays_through_pixels
+from videogrammetry.geometry import CAMERA_PARAMETERS, full_covariance, rays_from_pixels
 from videogrammetry.reconstruction.uncertainty import picture_derivatives
 
 if TYPE_CHECKING:
@@ -63,8 +63,11 @@ def _variance_nodes(
 ) -> FloatArray:
     width, height = camera.image_size_px
     x, y = np.meshgrid(np.linspace(0, width - 1, _NODES[0]), np.linspace(0, height - 1, _NODES[1]))
-    in_cam = depth_mm * rays_through_pixels(camera, np.column_stack([x.ravel(), y.ravel()]))
-    in_world = (in_cam - camera.translation_mm) @ camera.rotation
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    # To that depth along the ray behind a window, if there is one.
+    origin, direction = rays_from_pixels(camera, pixels)
+    axis, start = camera.rotation[2], origin @ camera.rotation[2] + camera.translation_mm[2]
+    in_world = origin + ((depth_mm - start) / (direction @ axis))[:, None] * direction
     _, _, total = picture_derivatives(camera, index, in_world, cov.shape[1] // _PARAMETERS, frame)
     variance = total @ cov @ np.swapaxes(total, 1, 2)
     nodes: FloatArray = np.stack(

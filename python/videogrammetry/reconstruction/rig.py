@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.geometry import project
+from videogrammetry.geometry import project_from_world
 from videogrammetry.project import read_rig, write_rig
 from videogrammetry.reconstruction.triangulate import Triangulator
 from videogrammetry.reconstruction.uncertainty import (
@@ -61,12 +61,12 @@ class Rig(RigData):
         write_rig(path, self)
 
     def project(self, points_in_world: npt.ArrayLike) -> dict[str, FloatArray]:
-        """Pictures (N, 2) px of points (N, 3) mm in every camera; NaN where there is none."""
+        """Pictures (N, 2) px of points (N, 3) mm in every camera; NaN where there is none.
+
+        Of a camera that looks through a window into a fluid: refracted.
+        """
         points = _points(points_in_world)
-        return {
-            name: project(camera, points @ camera.rotation.T + camera.translation_mm)
-            for name, camera in self.cameras.items()
-        }
+        return {name: project_from_world(camera, points) for name, camera in self.cameras.items()}
 
     def predict(
         self,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry._core import reconstruction as _reconstruction
-from videogrammetry.geometry import full_covariance, project, rig_model
+from videogrammetry.geometry import full_covariance, project_from_world, rig_model
 from videogrammetry.types import StagePoints
 
 if TYPE_CHECKING:
@@ -176,10 +176,7 @@ class Triangulator:
         if rig.cov is None or rig.volume_mm is None or rig.volume_seen is None:
             return np.empty((0, 0))
         pixels = np.stack(
-            [
-                project(c, rig.volume_mm @ c.rotation.T + c.translation_mm)
-                for c in rig.cameras.values()
-            ],
+            [project_from_world(c, rig.volume_mm) for c in rig.cameras.values()],
             axis=1,
         )
         seen = rig.volume_seen & np.isfinite(pixels).all(axis=2)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from videogrammetry.geometry import (
     CAMERA_PARAMETERS,
     full_covariance,
-    project_with_jacobians,
+    project_from_world_with_jacobians,
 )
 from videogrammetry.reconstruction.triangulate import Triangulator
 from videogrammetry.types import FloatArray, IntArray, RigCamera, RigData
@@ -207,18 +207,13 @@ def picture_derivatives(
     -------
     xy_px (N, 2), by_point (N, 2, 3), by_parameters (N, 2, 16 count).
     """
-    in_cam = points_in_world @ camera.rotation.T + camera.translation_mm
-    xy_px, by_in_cam, by_interior = project_with_jacobians(camera, in_cam)
-    by_point = by_in_cam @ camera.rotation
-    total = np.zeros((len(in_cam), 2, _PARAMETERS * count))
+    xy_px, by_point, own = project_from_world_with_jacobians(camera, points_in_world)
+    total = np.zeros((len(points_in_world), 2, _PARAMETERS * count))
     if frame.size:
         # The frame follows the calibration's error by M dp: x' = x + [-[x]_x, I] M dp.
-        ones = np.broadcast_to(np.eye(3), (len(in_cam), 3, 3))
+        ones = np.broadcast_to(np.eye(3), (len(points_in_world), 3, 3))
         effect = np.concatenate([-cross_matrices(points_in_world), ones], axis=2)
         total = by_point @ effect @ frame
-    # The rotation vector stands on the left: d(R x + t) = -[R x]_x dr + dt.
-    by_rotation = -by_in_cam @ cross_matrices(in_cam - camera.translation_mm)
-    own = np.concatenate([by_interior, by_rotation, by_in_cam], axis=2)
     total[:, :, _PARAMETERS * index : _PARAMETERS * (index + 1)] += own
     return xy_px, by_point, total
 

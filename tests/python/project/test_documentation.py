@@ -34,4 +34,15 @@ def test_so_it_is_with_everything_that_is_commented_out(tmp_path: Path) -> None:
     assert project.sequence.last == 200
     assert project.calibration.scale_bars == tmp_path.resolve() / "bars.csv"
     assert project.stability.points == tmp_path.resolve() / "static.csv"
+    assert project.cameras["left"].interface == "front"
+    assert project.interfaces["front"].normal == (0.0, 0.0, 1.0)
     assert project.cameras["right"].r0_px == pytest.approx(482.7)
+
+
+def test_the_tank_is_one(tmp_path: Path) -> None:
+    text = re.search(r"```toml\n(.*?)```", (PAGE.parent / "tank.md").read_text(), re.DOTALL)[1]
+    project = read("schema = 1\n" + re.sub(r"^#", "", text, flags=re.MULTILINE), tmp_path)
+    window = project.interfaces["front"]
+    assert project.cameras["c2"].interface == "front"
+    assert (window.glass, window.free) == ((1.5, 6.0), ("normal", "distance"))
+    assert (window.sigma_normal_deg, window.sigma_distance_mm) == (1.0, 5.0)

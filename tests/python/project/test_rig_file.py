@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ import pytest
 from videogrammetry.errors import ProjectFileError
 from videogrammetry.geometry import rotation_from_vector
 from videogrammetry.project import provenance, read_rig, write_rig
-from videogrammetry.types import INTERIOR_NAMES, RigCamera, RigData
+from videogrammetry.types import INTERIOR_NAMES, FlatInterface, RigCamera, RigData
 
 RNG = np.random.default_rng(5)
 POSE = ("rx", "ry", "rz", "tx", "ty", "tz")
@@ -174,3 +177,76 @@ def test_what_is_no_rig(tmp_path: Path) -> None:
     (tmp_path / "rig.json").write_bytes(b"\xff\x00")
     with pytest.raises(ProjectFileError, match=r"rig\.json"):
         read_rig(tmp_path / "rig.json")
+
+
+def through_a_window(rig: RigData) -> RigData:
+    window = FlatInterface(
+        name="front",
+        normal=np.array([0.6, 0.0, -0.8]),
+        distance_mm=-np.pi * 1e2,
+        fluid_index=1.3337,
+        glass_index=1.51,
+        glass_thickness_mm=6.1,
+        sigma={"tilt_1": 1e-4, "distance": 0.3},
+    )
+    return replace(rig, cameras={**rig.cameras, "2": replace(rig.cameras["2"], interface=window)})
+
+
+def test_windows_come_back_with_the_same_bits(tmp_path: Path) -> None:
+    rig = through_a_window(a_rig())
+    path = tmp_path / "rig.json"
+    write_rig(path, rig)
+    back = read_rig(path)
+    assert back.cameras["left"].interface is None
+    window, other = rig.cameras["2"].interface, back.cameras["2"].interface
+    assert window is not None
+    assert other is not None
+    np.testing.assert_array_equal(other.normal, window.normal)
+    assert replace(other, normal=window.normal) == window
+    # Without one, the file is as it was before there were any.
+    write_rig(path, a_rig())
+    assert "interface" not in path.read_text(encoding="utf-8")
+
+
+def test_two_windows_of_one_name_are_refused(tmp_path: Path) -> None:
+    rig = through_a_window(a_rig())
+    window = rig.cameras["2"].interface
+    assert window is not None
+    other = replace(rig.cameras["left"], interface=replace(window, distance_mm=1.0))
+    with pytest.raises(ValueError, match="differs from another camera's"):
+        write_rig(tmp_path / "rig.json", replace(rig, cameras={**rig.cameras, "left": other}))
+
+
+def _set(*keys: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(document: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            document = document[key]
+        document[keys[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_set("interfaces", "front", "normal", value=[0, 0, 2]), "unit length"),
+        (_set("interfaces", "front", "normal", value=[0, 1]), "3 finite numbers"),
+        (_set("interfaces", "front", "fluid_index", value=0.5), "1 to 4"),
+        (_set("interfaces", "front", "glass", value=[1.5, -1]), "not negative"),
+        (_set("interfaces", "front", "depth", value=1), "unknown key 'depth'"),
+        (_set("interfaces", "front", "sigma", value={"tilt": 1}), "unknown key 'tilt'"),
+        (_set("cameras", "2", "interface", value="back"), "not among 'interfaces'"),
+        (_set("interfaces", value=[]), "not among 'interfaces'"),
+        (_set("interfaces", value=[1]), "not a JSON object"),
+    ],
+)
+def test_wrong_windows_are_named(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None], said: str
+) -> None:
+    path = tmp_path / "rig.json"
+    write_rig(path, through_a_window(a_rig()))
+    document = json.loads(path.read_text(encoding="utf-8"))
+    change(document)
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(ProjectFileError, match=said):
+        read_rig(path)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from videogrammetry.errors import ProjectFileError
+from videogrammetry.pipeline.calibrate import calibration_interfaces
 from videogrammetry.pipeline.frames import recognition_options
 from videogrammetry.project import read_project
 
@@ -203,3 +204,60 @@ def test_not_text(tmp_path: Path) -> None:
     path.write_bytes(b"schema = 1\nname = '\xff'\n")
     with pytest.raises(ProjectFileError, match="UTF-8"):
         read_project(path)
+
+
+WINDOWS = """
+[interfaces.front]
+normal = [0, 0, 2]
+distance_mm = -12.5
+fluid = 1.3337
+glass = [1.5, 6]
+free = ["normal", "distance"]
+sigma_normal_deg = 1
+sigma_distance_mm = 2
+
+[interfaces.back]
+normal = [0, 0, -1]
+distance_mm = 125
+frame = "rig"
+"""
+
+
+def with_windows(old: str = "", new: str = "") -> str:
+    text = COMPLETE.replace("r0_px = 700", 'r0_px = 700\ninterface = "front"') + WINDOWS
+    return text.replace(old, new, 1)
+
+
+def test_windows(tmp_path: Path) -> None:
+    project = read_project(write(tmp_path, with_windows()))
+    assert project.cameras["left"].interface == "front"
+    assert project.cameras["right 2"].interface is None
+    front, back = project.interfaces["front"], project.interfaces["back"]
+    assert front.normal == (0.0, 0.0, 1.0)
+    assert (front.distance_mm, front.fluid, front.glass) == (-12.5, 1.3337, (1.5, 6.0))
+    assert (front.free, front.frame) == (("normal", "distance"), "target")
+    assert (back.free, back.frame, back.glass, back.fluid) == ((), "rig", None, 1.333)
+    one, two = calibration_interfaces(project)
+    assert one.interface.glass_thickness_mm == 6.0
+    assert one.prior_sigma == pytest.approx({"normal": 0.0174533, "distance": 2.0}, rel=1e-5)
+    assert (two.interface.name, two.frame, two.prior_sigma) == ("back", "rig", {})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('interface = "front"', 'interface = "frnt"', ["[interfaces.frnt]", "'front'"]),
+        ("normal = [0, 0, 2]", "normal = [0, 0, 0]", ["normal", "not all zero"]),
+        ("fluid = 1.3337", "fluid = 0.75", ["fluid", "1 to 4"]),
+        ("glass = [1.5, 6]", "glass = [6, 1.5]", ["glass", "thickness"]),
+        ('"normal", "distance"', '"normal", "index"', ["free", "'index'"]),
+        ('frame = "rig"', 'frame = "world"', ["frame", "known: target, rig"]),
+        ("distance_mm = 125\n", "", ["distance_mm"]),
+        ("fluid = 1.3337", "fluids = 1.3337", ["fluids", "'fluid'"]),
+    ],
+)
+def test_wrong_windows(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
+    with pytest.raises(ProjectFileError) as raised:
+        read_project(write(tmp_path, with_windows(old, new)))
+    for word in words:
+        assert word in str(raised.value)

@@ -29,10 +29,11 @@ using Indices = Eigen::Ref<const Eigen::VectorXi>;
 
 int AddCamera(Network& n, const std::string& name, const Camera& camera, const CameraMask& free,
               const CameraVector& start, const CameraVector& prior_sigma, double floor_px,
-              double aspect, double time_offset) {
+              double aspect, double time_offset, bool corrected_residual) {
   NetworkCamera c{name, camera, free, prior_sigma, start, floor_px};
   c.aspect = aspect;
   c.time_offset = time_offset;
+  c.corrected_residual = corrected_residual;
   n.cameras.push_back(c);
   return static_cast<int>(n.cameras.size()) - 1;
 }
@@ -202,7 +203,7 @@ void BindNetwork(py::module_& m) {
   py::class_<Network>(m, "Network")
       .def(py::init<>())
       .def("add_camera", &AddCamera, "name"_a, "camera"_a, "free"_a, "start"_a, "prior_sigma"_a,
-           "floor_px"_a, "aspect"_a, "time_offset"_a)
+           "floor_px"_a, "aspect"_a, "time_offset"_a, "corrected_residual"_a)
       .def("add_pose", &AddPose, "name"_a, "rotation"_a, "translation_mm"_a, "free"_a)
       .def("add_image", &AddImage, "name"_a, "camera"_a, "outer"_a, "inner"_a)
       .def("set_points", &SetPoints, "id"_a, "position_mm"_a, "cov_mm2"_a, "kind"_a)

@@ -66,10 +66,11 @@ class PoseManifold : public ceres::Manifold {
 /// CameraScale), [outer pose,] inner pose, point.
 class ImagePointCost : public ceres::CostFunction {
  public:
-  ImagePointCost(const Camera& camera, const NetworkObservation& o, const Circle& mark,
+  ImagePointCost(const NetworkCamera& camera, const NetworkObservation& o, const Circle& mark,
                  const Eigen::Matrix2d& cov, bool has_outer)
-      : camera_(camera),
-        scale_(CameraScale(camera)),
+      : camera_(camera.camera),
+        corrected_(camera.corrected_residual),
+        scale_(CameraScale(camera.camera)),
         mark_(mark),
         xy_px_(o.xy_px),
         velocity_px_(o.velocity_px),
@@ -92,10 +93,12 @@ class ImagePointCost : public ceres::CostFunction {
     Circle mark = mark_;
     mark.center_mm = As<Eigen::Vector3d>(x[inner + 1]);
     ImagePointJacobians j;
-    const auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]),
-                                         mark, {values[kAspect], values[kTimeOffset], velocity_px_},
-                                         jacobians != nullptr ? &j : nullptr);
+    ImagePointJacobians* wanted = jacobians != nullptr ? &j : nullptr;
+    const Sampling sampling{values[kAspect], values[kTimeOffset], velocity_px_};
+    auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]), mark,
+                                   sampling, wanted);
     if (!pixel) return false;
+    if (corrected_) CountFromCorrected(camera, sampling, xy_px_, has_outer_, &*pixel, wanted);
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
     if (jacobians[0] != nullptr) {
@@ -119,6 +122,7 @@ class ImagePointCost : public ceres::CostFunction {
   }
 
   Camera camera_;
+  bool corrected_;
   CameraVector scale_;
   Circle mark_;  // its centre is an unknown
   Eigen::Vector2d xy_px_;
@@ -249,7 +253,7 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     x.push_back(blocks->pose[image.inner].data());
     x.push_back(blocks->point[o.point].data());
     problem->AddResidualBlock(
-        new ImagePointCost(camera.camera, o, mark, network->TotalCov(o), image.outer >= 0), loss,
+        new ImagePointCost(camera, o, mark, network->TotalCov(o), image.outer >= 0), loss,
         x);
   }
 }

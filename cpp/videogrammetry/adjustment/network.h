@@ -40,6 +40,9 @@ struct NetworkCamera {
   double cov_scale = 1.0;
   double aspect = 0.0;
   double time_offset = 0.0;
+  /// True: residuals and covariances are those of the corrected image points
+  /// (PredictObservation); of cameras of the measured direction alone.
+  bool corrected_residual = false;
 
   CameraVector values() const;
   void set_values(const CameraVector& values);

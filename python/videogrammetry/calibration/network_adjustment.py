@@ -17,7 +17,6 @@ from videogrammetry.calibration.network_bars import (
 from videogrammetry.calibration.network_build import (
     Built,
     build_network,
-    free_names,
     offered_names,
 )
 from videogrammetry.calibration.network_check import check_network
@@ -32,15 +31,7 @@ from videogrammetry.calibration.network_result import (
 )
 from videogrammetry.calibration.network_start import start_network
 from videogrammetry.calibration.network_warnings import doubts
-from videogrammetry.calibration.network_weights import (
-    corrected_covariances,
-    differ,
-    with_covariances,
-)
 from videogrammetry.errors import CalibrationError
-
-#: Weights by the lens settle at once: their change is of the second order.
-MAX_WEIGHTINGS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,20 +166,8 @@ def _solve(tables: NetworkInput, given: Sequence[NetworkCamera], options: Networ
     built = build_network(tables, given, eccentricity=options.eccentricity)
     network = built.network
     adjustment = network.adjust(adjust, offered)
-    weighted = tables
-    for _ in range(MAX_WEIGHTINGS):
-        cov_px2 = corrected_covariances(tables, network)
-        if not differ(weighted.observations.cov_px2, cov_px2):
-            break
-        weighted = with_covariances(tables, cov_px2)
-        seen = weighted.observations
-        network.set_observations(seen.image, seen.point, seen.xy_px, cov_px2, used=adjustment.used)
-        # Other weights may show what these did not: every parameter is offered anew.
-        for index, camera in enumerate(tables.cameras):
-            network.set_free(index, free_names(camera))
-        adjustment = network.adjust(replace(adjust, robust_start=False), offered)
     return Solved(
-        tables=weighted,
+        tables=tables,
         built=built,
         adjustment=adjustment,
         dispersion=network.dispersion(),

@@ -20,7 +20,7 @@ from videogrammetry.calibration.network_build import (
     offered_names,
 )
 from videogrammetry.calibration.network_check import check_network
-from videogrammetry.calibration.network_frame_start import on_start_values
+from videogrammetry.calibration.network_frame_start import check_start_values, on_start_values
 from videogrammetry.calibration.network_input import NetworkCamera, NetworkInput
 from videogrammetry.calibration.network_outcome import network_outcome
 from videogrammetry.calibration.network_result import (
@@ -106,6 +106,7 @@ def _started(
     # The start has a scale of its own only where the table gives no coordinates.
     scaled = started is not start.network
     warnings += [d for d in start.report.doubts if not (scaled and "scale is unknown" in d)]
+    warnings += check_start_values(started, network)
     reasons = dict(start.report.left_out)
     placed = np.asarray(np.isfinite(started.points.position_mm).all(axis=1))
     posed = np.array([i.rotation is not None for i in started.images], bool)
@@ -165,12 +166,26 @@ def _solve(tables: NetworkInput, given: Sequence[NetworkCamera], options: Networ
     )
     built = build_network(tables, given, eccentricity=options.eccentricity)
     network = built.network
-    adjustment = network.adjust(adjust, offered)
+    try:
+        adjustment = network.adjust(adjust, offered)
+    except CalibrationError as error:
+        raise CalibrationError(f"{error}. {_too_much_is_free(tables)}") from error
     return Solved(
         tables=tables,
         built=built,
         adjustment=adjustment,
         dispersion=network.dispersion(),
+    )
+
+
+def _too_much_is_free(tables: NetworkInput) -> str:
+    seen = tables.observations
+    known = int((tables.points.kind[np.unique(seen.point)] != "free").sum())
+    return (
+        f"There are {len(seen)} image points of {len(np.unique(seen.point))} points ({known} of them "
+        f"fixed or weighted) in {len(tables.images)} pictures: take more pictures, tilted and "
+        "turned about the camera's axis, free fewer of the camera's parameters, or give more "
+        "points of known position"
     )
 
 

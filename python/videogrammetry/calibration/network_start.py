@@ -433,9 +433,11 @@ def _set_frame(block: Block, network: NetworkInput, seed: Seed | None, doubts: l
         block.rotation, block.translation = fit.poses(block.rotation, block.translation)
         block.position = fit.points(block.position)
         if not fit.inlier.all():
+            known = (network.points.kind != "free") & block.has_point
+            wrong = [network.points.name[i] for i in np.flatnonzero(known)[~fit.inlier]]
             doubts.append(
-                f"{int((~fit.inlier).sum())} of {len(fit.inlier)} known points do not fit the "
-                "block: their numbers or coordinates are wrong"
+                f"{len(wrong)} of {len(fit.inlier)} known points do not fit the block, their "
+                f"numbers or coordinates are wrong: {', '.join(wrong[:8])}"
             )
         return "known points"
     first, second = seed.pair if block.placed[list(seed.pair)].all() else (

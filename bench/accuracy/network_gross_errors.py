@@ -239,10 +239,7 @@ def judge(seed: int) -> dict[str, object]:
     listed = {(r.image, r.point) for r in result.rejected if r.kind == "observation"}
     names, images = draw.bad.points.name, draw.bad.images
     out = np.array(
-        [
-            (images[i].name, names[p]) in listed
-            for i, p in zip(seen.image, seen.point, strict=True)
-        ]
+        [(images[i].name, names[p]) in listed for i, p in zip(seen.image, seen.point, strict=True)]
     )
     bar_names = [
         f"{names[a]}-{names[b]}"
@@ -338,10 +335,10 @@ def main() -> None:
         f"beyond 1.5 MDB: {t['big_found']} of {t['big']} listed ({t['share']:.2%}); "
         f"smaller: {t['small_found']} of {t['small']}\n"
         f"wrong bar listed in {t['bars_found']}, other bars {t['bars_false']}\n"
-        f"good image points listed: {t['false']} of {t['good']}, expected {t['false_expected']:.1f},"
-        f" 99 % limit {t['false_limit']}; without the planted rows {t['clean_rejected']}\n"
-        f"differences: all draws points {t['clean_points_max']:.4f} (RMS {t['clean_points_rms']:.4f}"
-        f"), camera {t['clean_camera_max']:.4f}; the {t['none_missed']} draws that missed nothing: "
+        f"good image points listed: {t['false']} of {t['good']}, expected "
+        f"{t['false_expected']:.1f}, 99 % limit {t['false_limit']}; without the planted rows {t['clean_rejected']}\n"
+        f"differences: all draws points {t['clean_points_max']:.4f} (RMS "
+        f"{t['clean_points_rms']:.4f}), camera {t['clean_camera_max']:.4f}; the {t['none_missed']} draws that missed nothing: "
         f"{t['none_missed_points_max']:.4f}, {t['none_missed_camera_max']:.4f}; same rows: "
         f"{t['same_points_max']:.2g}, {t['same_camera_max']:.2g}"
     )

@@ -253,8 +253,7 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     x.push_back(blocks->pose[image.inner].data());
     x.push_back(blocks->point[o.point].data());
     problem->AddResidualBlock(
-        new ImagePointCost(camera, o, mark, network->TotalCov(o), image.outer >= 0), loss,
-        x);
+        new ImagePointCost(camera, o, mark, network->TotalCov(o), image.outer >= 0), loss, x);
   }
 }
 

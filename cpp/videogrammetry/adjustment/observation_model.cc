@@ -127,8 +127,8 @@ void CountFromCorrected(const Camera& camera, const Sampling& sampling,
   if (jacobians == nullptr) return;
   const Eigen::Matrix2d by_pixel = unit * predicted.by_pixel;
   jacobians->by_camera.col(kTimeOffset) -= sampling.velocity_px;
-  jacobians->by_camera = by_pixel * jacobians->by_camera -
-                         unit * (measured.by_camera - predicted.by_camera);
+  jacobians->by_camera =
+      by_pixel * jacobians->by_camera - unit * (measured.by_camera - predicted.by_camera);
   jacobians->by_camera.col(kTimeOffset) += unit * measured.by_pixel * sampling.velocity_px;
   jacobians->by_camera.middleCols<3>(kA1) -= residual * (powers / middle).transpose();
   jacobians->by_camera.col(kAspect) += residual / (1.0 + sampling.aspect);

@@ -110,9 +110,9 @@ void SetPriorsAside(Network* network, double limit) {
     for (std::size_t b = 0; b < bars.size(); ++b) {
       NetworkScaleBar& bar = changed.scale_bars[b];
       // Of a used one, 1 - redundancy is the adjusted length's variance over the given one's.
-      const double w = alone ? bars[b].normalised
-                             : bars[b].residual_mm /
-                                   (bar.sigma_mm * std::sqrt(2.0 - bars[b].redundancy));
+      const double w =
+          alone ? bars[b].normalised
+                : bars[b].residual_mm / (bar.sigma_mm * std::sqrt(2.0 - bars[b].redundancy));
       bar.used = bar.used && std::abs(w) < limit;
     }
     for (std::size_t p = 0; p < changed.points.size(); ++p) {

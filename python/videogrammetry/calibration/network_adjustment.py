@@ -182,8 +182,8 @@ def _too_much_is_free(tables: NetworkInput) -> str:
     seen = tables.observations
     known = int((tables.points.kind[np.unique(seen.point)] != "free").sum())
     return (
-        f"There are {len(seen)} image points of {len(np.unique(seen.point))} points ({known} of them "
-        f"fixed or weighted) in {len(tables.images)} pictures: take more pictures, tilted and "
+        f"There are {len(seen)} image points of {len(np.unique(seen.point))} points ({known} of "
+        f"them fixed or weighted) in {len(tables.images)} pictures: take more pictures, tilted and "
         "turned about the camera's axis, free fewer of the camera's parameters, or give more "
         "points of known position"
     )

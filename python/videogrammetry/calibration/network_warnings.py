@@ -86,8 +86,8 @@ def _not_tested(tables: NetworkInput, adjustment: Adjustment) -> list[str]:
     for i in np.flatnonzero(bars.used & (w > LOOK_NORMALISED)):
         a, b = tables.scale_bars.point_a[i], tables.scale_bars.point_b[i]
         warnings.append(
-            f"scale bar {names[a]}-{names[b]} contradicts the rest ({w[i]:.1f} standard deviations) "
-            "and takes part, for snooping = false: check lengths, ends and known points"
+            f"scale bar {names[a]}-{names[b]} contradicts the rest ({w[i]:.1f} standard "
+            "deviations) and takes part, for snooping = false: check lengths, ends and known points"
         )
     w = np.abs(adjustment.normalised).max(axis=1, initial=0.0) / adjustment.sigma0
     large = np.flatnonzero(adjustment.used & (w > LOOK_NORMALISED))

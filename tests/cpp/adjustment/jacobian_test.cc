@@ -150,8 +150,8 @@ TEST(ObservationModel, CorrectedResidualByHand) {
   p.y() *= 1.02;
   const Eigen::Vector3d in_cam = inner * point;
   other.interior.segment<2>(kE1) /= k;
-  Eigen::Vector2d expected = p + Distortion(other, p) -
-                             camera.f_px() / k * in_cam.head<2>() / in_cam.z();
+  Eigen::Vector2d expected =
+      p + Distortion(other, p) - camera.f_px() / k * in_cam.head<2>() / in_cam.z();
   expected /= 1.02;
   EXPECT_LT((xy_px - *pixel - expected).norm(), 1e-9);
 }

@@ -84,9 +84,7 @@ def test_good_poses_are_kept() -> None:
     simulated = simulate(1, kind="free", bars=2)
     tables = dataclasses.replace(
         with_poses(simulated, np.radians(2.0)),
-        points=dataclasses.replace(
-            simulated.network.points, position_mm=np.full((30, 3), np.nan)
-        ),
+        points=dataclasses.replace(simulated.network.points, position_mm=np.full((30, 3), np.nan)),
     )
     start = start_network(tables)
     assert not any("given poses" in doubt for doubt in start.report.doubts)

@@ -336,11 +336,13 @@ def main() -> None:
         f"smaller: {t['small_found']} of {t['small']}\n"
         f"wrong bar listed in {t['bars_found']}, other bars {t['bars_false']}\n"
         f"good image points listed: {t['false']} of {t['good']}, expected "
-        f"{t['false_expected']:.1f}, 99 % limit {t['false_limit']}; without the planted rows {t['clean_rejected']}\n"
-        f"differences: all draws points {t['clean_points_max']:.4f} (RMS "
-        f"{t['clean_points_rms']:.4f}), camera {t['clean_camera_max']:.4f}; the {t['none_missed']} draws that missed nothing: "
-        f"{t['none_missed_points_max']:.4f}, {t['none_missed_camera_max']:.4f}; same rows: "
-        f"{t['same_points_max']:.2g}, {t['same_camera_max']:.2g}"
+        f"{t['false_expected']:.1f}, 99 % limit {t['false_limit']}; "
+        f"without the planted rows {t['clean_rejected']}\n"
+        f"differences: all draws points {t['clean_points_max']:.4f} "
+        f"(RMS {t['clean_points_rms']:.4f}), camera {t['clean_camera_max']:.4f}; "
+        f"the {t['none_missed']} draws that missed nothing: "
+        f"{t['none_missed_points_max']:.4f}, {t['none_missed_camera_max']:.4f}; "
+        f"same rows: {t['same_points_max']:.2g}, {t['same_camera_max']:.2g}"
     )
     if args.json:
         args.json.write_text(json.dumps({"draws": table, "all": t}, indent=1) + "\n")

@@ -23,9 +23,10 @@ width in mm, dividing ours by k gives
     P1 = B1 / (k s),  P2 = -B2 / (k s)   (the y axis is turned),
     aspect: theirs is pixel width / height - 1, ours height / width - 1.
 
-The two sets of nine are functions of each other, so sigma0, redundancy and residuals
-must agree to rounding, whatever r0 is. s is not estimated by either: DBAT holds the
-sensor's height (5.43764 mm), so that its pixel's width follows from the aspect.
+The two sets of nine are functions of each other, so sigma0, redundancy and residuals must agree
+to rounding, whatever r0 is. Both minimise the residuals of the corrected points (``residuals =
+"corrected"``, the default where PhotoModeler's export is read). s is not estimated by either:
+DBAT holds the sensor's height (5.43764 mm), so that its pixel's width follows from the aspect.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ observations = "{observations}"
 points = "points.csv"
 fixed = [1001, 1002, 1003, 1004]
 sigma_px = 0.1
+{residuals}
 snooping = {snooping}
 [cameras.camera]
 image_size_px = [{size[0]}, {size[1]}]
@@ -131,8 +133,12 @@ def adjusted(
     )
     names = ", ".join(f'"{name}"' for name in free)
     path = folder / "network.toml"
+    # Of PhotoModeler's export it is the default.
+    residuals = "" if observations.suffix == ".txt" else 'residuals = "corrected"'
     path.write_text(
-        NETWORK.format(observations=observations, snooping=snooping, size=SIZE, free=names)
+        NETWORK.format(
+            observations=observations, residuals=residuals, snooping=snooping, size=SIZE, free=names
+        )
     )
     return adjust_file(read_network_file(path)).result
 
@@ -195,6 +201,9 @@ def main() -> None:
         folder = Path(name)
         marks = data_folder() / "camcal" / "camcal-pmexport.txt"
         table["marks"] = report("PhotoModeler's marks", adjusted(folder, marks, "false"))
+        affine = adjusted(folder, marks, "false", (*FREE[:-1], "E1"))
+        table["affine"] = {"sigma0": affine.summary.sigma0}
+        print(f"\nE1 instead of the aspect: sigma0 {affine.summary.sigma0:.4f}, README 1.6122")
         own, count, distance = recognised(folder)
         print(f"\n{count} of 2074 marks recognised, median distance from them {distance:.3f} px")
         table["recognised"] = report("our recognition", adjusted(folder, own, "false"))

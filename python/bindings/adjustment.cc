@@ -29,10 +29,11 @@ using Indices = Eigen::Ref<const Eigen::VectorXi>;
 
 int AddCamera(Network& n, const std::string& name, const Camera& camera, const CameraMask& free,
               const CameraVector& start, const CameraVector& prior_sigma, double floor_px,
-              double aspect, double time_offset) {
+              double aspect, double time_offset, bool corrected_residual) {
   NetworkCamera c{name, camera, free, prior_sigma, start, floor_px};
   c.aspect = aspect;
   c.time_offset = time_offset;
+  c.corrected_residual = corrected_residual;
   n.cameras.push_back(c);
   return static_cast<int>(n.cameras.size()) - 1;
 }
@@ -211,7 +212,7 @@ void BindNetwork(py::module_& m) {
   py::class_<Network>(m, "Network")
       .def(py::init<>())
       .def("add_camera", &AddCamera, "name"_a, "camera"_a, "free"_a, "start"_a, "prior_sigma"_a,
-           "floor_px"_a, "aspect"_a, "time_offset"_a)
+           "floor_px"_a, "aspect"_a, "time_offset"_a, "corrected_residual"_a)
       .def("add_interface", &AddInterface, "name"_a, "nominal"_a, "free"_a, "prior_sigma"_a)
       .def("set_interface",
            [](Network& n, int camera, int interface) {

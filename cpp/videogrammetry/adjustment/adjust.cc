@@ -201,7 +201,8 @@ AdjustResult Adjust(Network* network, const AdjustOptions& options) {
   if (options.robust_start) {
     network->Check();
     RobustStart(network, options);
-    if (options.critical_value > 0) SetOutliersAside(network, 2.0 * options.critical_value);
+    if (options.critical_value > 0)
+      SetOutliersAside(network, 2.0 * options.critical_value, options.baarda);
   }
   BundleOptions bundle;
   bundle.num_threads = options.num_threads;

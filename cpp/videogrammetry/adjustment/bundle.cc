@@ -67,10 +67,11 @@ class PoseManifold : public ceres::Manifold {
 /// CameraScale), [outer pose,] inner pose, point[, window].
 class ImagePointCost : public ceres::CostFunction {
  public:
-  ImagePointCost(const Camera& camera, const NetworkObservation& o, const Circle& mark,
+  ImagePointCost(const NetworkCamera& camera, const NetworkObservation& o, const Circle& mark,
                  const Eigen::Matrix2d& cov, bool has_outer, const NetworkInterface* window)
-      : camera_(camera),
-        scale_(CameraScale(camera)),
+      : camera_(camera.camera),
+        corrected_(camera.corrected_residual),
+        scale_(CameraScale(camera.camera)),
         mark_(mark),
         xy_px_(o.xy_px),
         velocity_px_(o.velocity_px),
@@ -102,11 +103,12 @@ class ImagePointCost : public ceres::CostFunction {
       surface = window.surface(&normal_by_tilt);
     }
     ImagePointJacobians j;
-    const auto pixel =
-        PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]), mark,
-                          {values[kAspect], values[kTimeOffset], velocity_px_},
-                          jacobians != nullptr ? &j : nullptr, window_ ? &surface : nullptr);
+    ImagePointJacobians* wanted = jacobians != nullptr ? &j : nullptr;
+    const Sampling sampling{values[kAspect], values[kTimeOffset], velocity_px_};
+    auto pixel = PredictImagePoint(camera, has_outer_ ? &outer : nullptr, PoseFrom(x[inner]), mark,
+                                   sampling, wanted, window_ ? &surface : nullptr);
     if (!pixel) return false;
+    if (corrected_) CountFromCorrected(camera, sampling, xy_px_, has_outer_, &*pixel, wanted);
     As<Eigen::Vector2d>(residuals).noalias() = whiten_ * (xy_px_ - *pixel);
     if (jacobians == nullptr) return true;
     if (jacobians[0] != nullptr) {
@@ -136,6 +138,7 @@ class ImagePointCost : public ceres::CostFunction {
   }
 
   Camera camera_;
+  bool corrected_;
   CameraVector scale_;
   Circle mark_;  // its centre is an unknown
   Eigen::Vector2d xy_px_;
@@ -277,8 +280,8 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
       x.push_back(blocks->interface[camera.interface].data());
     }
     problem->AddResidualBlock(
-        new ImagePointCost(camera.camera, o, mark, network->TotalCov(o), image.outer >= 0, window),
-        loss, x);
+        new ImagePointCost(camera, o, mark, network->TotalCov(o), image.outer >= 0, window), loss,
+        x);
   }
 }
 

@@ -72,6 +72,10 @@ void Network::Check() const {
     Require(p.transform.rotation.allFinite() && p.transform.translation_mm.allFinite(),
             "pose " + p.name + " is not finite");
   }
+  for (const NetworkCamera& c : cameras) {
+    Require(!c.corrected_residual || c.camera.direction == DistortionDirection::kMeasured,
+            "camera " + c.name + ": only the measured direction corrects image points");
+  }
   for (const NetworkImage& i : images) {
     Require(InRange(i.camera, cameras.size()), "image " + i.name + ": no such camera");
     Require(i.outer == -1 || InRange(i.outer, poses.size()), "image " + i.name + ": no such pose");

@@ -43,6 +43,9 @@ struct NetworkCamera {
   double time_offset = 0.0;
   /// Index of the window through which the camera looks; -1 = none.
   int interface = -1;
+  /// True: residuals and covariances are those of the corrected image points
+  /// (PredictObservation); of cameras of the measured direction alone.
+  bool corrected_residual = false;
 
   CameraVector values() const;
   void set_values(const CameraVector& values);

@@ -30,14 +30,9 @@ constexpr double kRankTolerance = 1e-12;
       UnknownName(network, index, unknown));
 }
 
-}  // namespace
-
-ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image_index,
-                             int point, const Eigen::Vector2d& velocity_px) {
-  const NetworkImage& image = network.images[image_index];
-  ImagePointJacobians j;
+ImageRow MakeRow(const NetworkImage& image, const UnknownIndex& index, int point,
+                 const std::optional<Eigen::Vector2d>& pixel, const ImagePointJacobians& j) {
   ImageRow row;
-  const auto pixel = PredictImagePoint(network, image_index, point, velocity_px, &j);
   if (!pixel) return row;
   row.valid = true;
   row.pixel = *pixel;
@@ -67,6 +62,22 @@ ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, 
     add(index.point[point] + k, j.by_point.col(k));
   }
   return row;
+}
+
+}  // namespace
+
+ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image,
+                             int point, const Eigen::Vector2d& velocity_px) {
+  ImagePointJacobians j;
+  const auto pixel = PredictImagePoint(network, image, point, velocity_px, &j);
+  return MakeRow(network.images[image], index, point, pixel, j);
+}
+
+ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
+                              const NetworkObservation& o) {
+  ImagePointJacobians j;
+  const auto pixel = PredictObservation(network, o, &j);
+  return MakeRow(network.images[o.image], index, o.point, pixel, j);
 }
 
 BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar) {
@@ -188,7 +199,7 @@ void NormalEquations::AddImagePoints(const Network& network, const UnknownIndex&
   Eigen::MatrixXd normal(ImageRow::kMaxUnknowns, ImageRow::kMaxUnknowns);
   for (const NetworkObservation& o : network.observations) {
     if (!o.used) continue;
-    const ImageRow row = LineariseImagePoint(network, index, o.image, o.point, o.velocity_px);
+    const ImageRow row = LineariseObservation(network, index, o);
     if (!row.valid) continue;
     const Eigen::Matrix2d weight = network.TotalCov(o).inverse();
     const Eigen::Vector2d residual = o.xy_px - row.pixel;

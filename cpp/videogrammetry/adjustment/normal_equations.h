@@ -34,6 +34,9 @@ struct ImageRow {
 };
 ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image,
                              int point, const Eigen::Vector2d& velocity_px);
+/// The same of an observation, with what its residual is counted from (PredictObservation).
+ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
+                              const NetworkObservation& observation);
 
 /// A scale bar's predicted length and its derivatives by the unknowns.
 struct BarRow {

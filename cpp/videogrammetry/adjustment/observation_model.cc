@@ -105,6 +105,28 @@ std::optional<Eigen::Vector2d> LensPicture(const Camera& camera, const Rigid3* o
   return pixel;
 }
 
+/// The ideal point of a pixel of the measured direction, with its derivatives.
+struct Ideal {
+  Eigen::Vector2d point_px;  ///< from the principal point, px of the width
+  Eigen::Matrix2d by_pixel;
+  Eigen::Matrix<double, 2, kNumCameraUnknowns> by_camera;
+
+  Ideal(const Camera& camera, double aspect, const Eigen::Vector2d& pixel) {
+    const Eigen::Vector2d high(1.0, 1.0 + aspect);
+    const Eigen::Vector2d from_centre_px = pixel - camera.principal_point_px();
+    const Eigen::Vector2d square_px = high.cwiseProduct(from_centre_px);
+    Eigen::Matrix2d by_square;
+    Eigen::Matrix<double, 2, 7> by_parameters;
+    point_px = square_px + Distortion(camera, square_px, &by_square, &by_parameters);
+    by_square += Eigen::Matrix2d::Identity();
+    by_pixel = by_square * high.asDiagonal();
+    by_camera.setZero();
+    by_camera.middleCols<2>(kX0) = -by_pixel;
+    by_camera.middleCols<7>(kA1) = by_parameters;
+    by_camera.col(kAspect) = by_square.col(1) * from_centre_px.y();
+  }
+};
+
 }  // namespace
 
 std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rigid3* outer,
@@ -134,6 +156,44 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
   }
   pixel->y() = centre_y_px + from_centre_px;
   return *pixel + sampling.time_offset * sampling.velocity_px;
+}
+
+void CountFromCorrected(const Camera& camera, const Sampling& sampling,
+                        const Eigen::Vector2d& xy_px, bool has_outer, Eigen::Vector2d* pixel,
+                        ImagePointJacobians* jacobians) {
+  const Eigen::Vector2d late = sampling.time_offset * sampling.velocity_px;
+  const Ideal measured(camera, sampling.aspect, xy_px - late);
+  const Ideal predicted(camera, sampling.aspect, *pixel - late);
+  const double r2 = camera.r0_px * camera.r0_px;
+  const Eigen::Vector3d powers(r2, r2 * r2, r2 * r2 * r2);
+  const double middle = 1.0 - camera.interior.segment<3>(kA1).dot(powers);
+  const double unit = 1.0 / (middle * (1.0 + sampling.aspect));  // pixel heights
+  const Eigen::Vector2d residual = unit * (measured.point_px - predicted.point_px);
+  *pixel = xy_px - residual;
+  if (jacobians == nullptr) return;
+  const Eigen::Matrix2d by_pixel = unit * predicted.by_pixel;
+  jacobians->by_camera.col(kTimeOffset) -= sampling.velocity_px;
+  jacobians->by_camera =
+      by_pixel * jacobians->by_camera - unit * (measured.by_camera - predicted.by_camera);
+  jacobians->by_camera.col(kTimeOffset) += unit * measured.by_pixel * sampling.velocity_px;
+  jacobians->by_camera.middleCols<3>(kA1) -= residual * (powers / middle).transpose();
+  jacobians->by_camera.col(kAspect) += residual / (1.0 + sampling.aspect);
+  if (has_outer) jacobians->by_outer = by_pixel * jacobians->by_outer;
+  jacobians->by_inner = by_pixel * jacobians->by_inner;
+  jacobians->by_point = by_pixel * jacobians->by_point;
+}
+
+std::optional<Eigen::Vector2d> PredictObservation(const Network& network,
+                                                  const NetworkObservation& o,
+                                                  ImagePointJacobians* jacobians) {
+  auto pixel = PredictImagePoint(network, o.image, o.point, o.velocity_px, jacobians);
+  const NetworkImage& image = network.images[o.image];
+  const NetworkCamera& camera = network.cameras[image.camera];
+  if (pixel && camera.corrected_residual) {
+    CountFromCorrected(camera.camera, {camera.aspect, camera.time_offset, o.velocity_px}, o.xy_px,
+                       image.outer >= 0, &*pixel, jacobians);
+  }
+  return pixel;
 }
 
 std::optional<Eigen::Vector2d> PredictImagePoint(const Network& network, int image_index, int point,

@@ -52,7 +52,28 @@ std::optional<Eigen::Vector2d> PredictImagePoint(const Camera& camera, const Rig
                                                  ImagePointJacobians* jacobians = nullptr,
                                                  const FlatInterface* interface = nullptr);
 
-/// The same of a point in an image of the network.
+/// What a measured point's residual is to be counted from, where it is the
+/// corrected point that is observed with the stated covariance:
+///   xy - r,  r = (u(xy) - u(predicted)) / (k (1 + aspect)),
+/// u(.) the ideal point (px of the width from the principal point) of a pixel,
+/// k = 1 - A1 r0^2 - A2 r0^4 - A3 r0^6 its scale in the middle, so that r does
+/// not depend on r0. Both coordinates of r are lengths in pixel heights. Of a point
+/// u(predicted) = f (X, Y) / Z: the residual of DBAT's adjustment, whose polynomial
+/// without r0 is u / k and which holds the pixel's height and estimates its width.
+///
+/// @param pixel, jacobians  of PredictImagePoint; changed. `has_outer`: whether
+///     by_outer has been written.
+void CountFromCorrected(const Camera& camera, const Sampling& sampling,
+                        const Eigen::Vector2d& xy_px, bool has_outer, Eigen::Vector2d* pixel,
+                        ImagePointJacobians* jacobians = nullptr);
+
+/// What an observation's residual is counted from: PredictImagePoint, of cameras with
+/// `corrected_residual` CountFromCorrected.
+std::optional<Eigen::Vector2d> PredictObservation(const Network& network,
+                                                  const NetworkObservation& observation,
+                                                  ImagePointJacobians* jacobians = nullptr);
+
+/// The picture of a point in an image of the network.
 std::optional<Eigen::Vector2d> PredictImagePoint(const Network& network, int image, int point,
                                                  const Eigen::Vector2d& velocity_px,
                                                  ImagePointJacobians* jacobians = nullptr);

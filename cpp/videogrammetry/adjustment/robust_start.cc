@@ -23,7 +23,7 @@ std::vector<ObservationStatistics> PlainResiduals(const Network& network) {
   std::vector<ObservationStatistics> all(network.observations.size());
   for (std::size_t i = 0; i < all.size(); ++i) {
     const NetworkObservation& o = network.observations[i];
-    const auto pixel = PredictImagePoint(network, o.image, o.point, o.velocity_px);
+    const auto pixel = PredictObservation(network, o);
     if (!pixel) continue;
     all[i].valid = true;
     all[i].residual_px = o.xy_px - *pixel;
@@ -31,10 +31,20 @@ std::vector<ObservationStatistics> PlainResiduals(const Network& network) {
   return all;
 }
 
+Network WithoutBars(const Network& network) {
+  Network without = network;
+  for (NetworkScaleBar& bar : without.scale_bars) bar.used = false;
+  return without;
+}
+
+/// Whether the scale of a free network is that of its bars and of nothing else.
+bool ScaleIsOfBars(const Network& network) {
+  return FreeDatumSize(network) == 6 && FreeDatumSize(WithoutBars(network)) == 7;
+}
+
 /// Brings a free network to the median scale of its bars: with a scale far off, every bar
 /// would look like an outlier to the robust loss.
 void ScaleToBars(Network* network) {
-  if (FreeDatumSize(*network) != 6) return;
   std::vector<double> ratios;
   for (const NetworkScaleBar& bar : network->scale_bars) {
     const double length_mm =
@@ -48,6 +58,25 @@ void ScaleToBars(Network* network) {
   for (NetworkPose& p : network->poses) {
     if (p.free) p.transform.translation_mm *= *middle;
   }
+}
+
+/// sigma0 by the median of the image points' residuals.
+double RobustSigmaZero(const Network& network,
+                       const std::vector<ObservationStatistics>& residuals) {
+  std::vector<double> sizes;
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    const NetworkObservation& o = network.observations[i];
+    if (!o.used || !residuals[i].valid) continue;
+    const Eigen::Vector2d sigma = network.TotalCov(o).diagonal().cwiseSqrt();
+    for (int k = 0; k < 2; ++k) sizes.push_back(std::abs(residuals[i].residual_px[k] / sigma[k]));
+  }
+  if (sizes.empty()) return 1.0;
+  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
+  std::nth_element(sizes.begin(), middle, sizes.end());
+  const double n = static_cast<double>(sizes.size());
+  const double redundancy = std::max(n - UnknownIndex(network).num_unknowns, 0.1 * n);
+  // Not 0 of exact pictures: rounding is no noise.
+  return std::max(1.4826 * *middle * std::sqrt(n / redundancy), 1e-4);
 }
 
 /// Scale bars and a-priori positions beyond `limit` standard deviations, those of the
@@ -73,14 +102,19 @@ void SetPriorsAside(Network* network, double limit) {
     return;
   }
   Network changed = *network;
+  // Where bars took no part in the start, what they are held against has no part of them.
+  const bool alone = ScaleIsOfBars(*network);
+  const Network held_against = alone ? WithoutBars(*network) : *network;
   try {
-    const Dispersion dispersion(*network);
+    const Dispersion dispersion(held_against);
     const std::vector<BarStatistics> bars = dispersion.StatisticsOfBars();
     for (std::size_t b = 0; b < bars.size(); ++b) {
       NetworkScaleBar& bar = changed.scale_bars[b];
-      // 1 - redundancy is the adjusted length's variance over the given one's.
-      const double sigma = bar.sigma_mm * std::sqrt(2.0 - bars[b].redundancy);
-      bar.used = bar.used && std::abs(bars[b].residual_mm) < limit * sigma;
+      // Of a used one, 1 - redundancy is the adjusted length's variance over the given one's.
+      const double w =
+          alone ? bars[b].normalised
+                : bars[b].residual_mm / (bar.sigma_mm * std::sqrt(2.0 - bars[b].redundancy));
+      bar.used = bar.used && std::abs(w) < limit;
     }
     for (std::size_t p = 0; p < changed.points.size(); ++p) {
       NetworkPoint& point = changed.points[p];
@@ -104,7 +138,12 @@ void SetPriorsAside(Network* network, double limit) {
 }  // namespace
 
 BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
-  ScaleToBars(network);
+  const bool by_bars = ScaleIsOfBars(*network);
+  const std::vector<NetworkScaleBar> bars = network->scale_bars;
+  if (by_bars) {
+    ScaleToBars(network);
+    *network = WithoutBars(*network);
+  }
   BundleOptions bundle;
   bundle.near_solution = false;
   bundle.cauchy_scale = 3.0;
@@ -135,6 +174,8 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   bundle.near_solution = true;
   bundle.function_tolerance = 1e-6;
   summary = SolveBundle(network, bundle);
+  network->scale_bars = bars;
+  if (by_bars) ScaleToBars(network);
   if (options.estimate_floor) {
     SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
   } else {
@@ -143,8 +184,9 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   return summary;
 }
 
-void SetOutliersAside(Network* network, double limit) {
+void SetOutliersAside(Network* network, double limit, bool baarda) {
   const std::vector<ObservationStatistics> residuals = PlainResiduals(*network);
+  if (!baarda) limit *= RobustSigmaZero(*network, residuals);
   for (std::size_t i = 0; i < residuals.size(); ++i) {
     NetworkObservation& o = network->observations[i];
     const Eigen::Vector2d sigma = network->TotalCov(o).diagonal().cwiseSqrt();

@@ -26,7 +26,7 @@ std::vector<ObservationStatistics> Dispersion::Statistics() const {
   std::vector<ObservationStatistics> all(network_.observations.size());
   for (std::size_t i = 0; i < all.size(); ++i) {
     const NetworkObservation& o = network_.observations[i];
-    const ImageRow row = LineariseImagePoint(network_, index_, o.image, o.point, o.velocity_px);
+    const ImageRow row = LineariseObservation(network_, index_, o);
     if (!row.valid) continue;
     ObservationStatistics& s = all[i];
     s.valid = true;

@@ -29,6 +29,8 @@ from videogrammetry.types import FlatInterface, FloatArray, RigCamera
 
 POINT_KINDS = ("fixed", "weighted", "free")
 DATUMS = ("fixed", "weighted", "free")
+#: Whose residuals are minimised: the measured image point's, or the corrected one's.
+RESIDUALS = ("measured", "corrected")
 
 
 class Network:
@@ -76,6 +78,7 @@ class Network:
         aspect: float = 0.0,
         time_offset: float = 0.0,
         interface: int | None = None,
+        residuals: str = "measured",
     ) -> int:
         """Add a camera.
 
@@ -89,11 +92,26 @@ class Network:
         time_offset : part of the interval between pictures by which this camera is late:
             measured = predicted + time_offset * velocity_px of the observation.
         interface : the window that it looks through (:meth:`add_interface`); None: none.
+        residuals : whose the stated covariances and the residuals are. "measured": the
+            measured point's. "corrected", of cameras whose distortion corrects the
+            measured point: r = (corrected(measured) - f (X, Y) / Z) / k with k, the
+            corrected picture's scale at the principal point, which makes r independent
+            of r0; as PhotoModeler and DBAT.
 
         Raises
         ------
-        ValueError : a name that is none of ``CAMERA_UNKNOWNS``.
+        ValueError : a name that is none of ``CAMERA_UNKNOWNS``; corrected residuals of a
+            camera whose distortion is a function of the ideal point.
         """
+        if residuals not in RESIDUALS:
+            raise ValueError(
+                f"residuals: expected one of {', '.join(RESIDUALS)}, got {residuals!r}"
+            )
+        if residuals == "corrected" and not camera.measured:
+            raise ValueError(
+                f'residuals: camera {name}: "corrected" needs a distortion of the measured point '
+                "(measured = True)"
+            )
         _check_names("free", free)
         _check_names("prior_sigma", prior_sigma or ())
         prior = np.zeros(len(CAMERA_UNKNOWNS))
@@ -105,7 +123,15 @@ class Network:
             held[: len(values)] = values
         self._names.append(name)
         index: int = self._network.add_camera(
-            name, camera_model(camera), _mask(free), held, prior, floor_px, aspect, time_offset
+            name,
+            camera_model(camera),
+            _mask(free),
+            held,
+            prior,
+            floor_px,
+            aspect,
+            time_offset,
+            residuals == "corrected",
         )
         if interface is not None:
             self._network.set_interface(index, interface)

@@ -17,11 +17,10 @@ from videogrammetry.calibration.network_bars import (
 from videogrammetry.calibration.network_build import (
     Built,
     build_network,
-    free_names,
     offered_names,
 )
 from videogrammetry.calibration.network_check import check_network
-from videogrammetry.calibration.network_frame_start import on_start_values
+from videogrammetry.calibration.network_frame_start import check_start_values, on_start_values
 from videogrammetry.calibration.network_input import NetworkCamera, NetworkInput
 from videogrammetry.calibration.network_outcome import network_outcome
 from videogrammetry.calibration.network_result import (
@@ -32,15 +31,7 @@ from videogrammetry.calibration.network_result import (
 )
 from videogrammetry.calibration.network_start import start_network
 from videogrammetry.calibration.network_warnings import doubts
-from videogrammetry.calibration.network_weights import (
-    corrected_covariances,
-    differ,
-    with_covariances,
-)
 from videogrammetry.errors import CalibrationError
-
-#: Weights by the lens settle at once: their change is of the second order.
-MAX_WEIGHTINGS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +106,7 @@ def _started(
     # The start has a scale of its own only where the table gives no coordinates.
     scaled = started is not start.network
     warnings += [d for d in start.report.doubts if not (scaled and "scale is unknown" in d)]
+    warnings += check_start_values(started, network)
     reasons = dict(start.report.left_out)
     placed = np.asarray(np.isfinite(started.points.position_mm).all(axis=1))
     posed = np.array([i.rotation is not None for i in started.images], bool)
@@ -174,24 +166,26 @@ def _solve(tables: NetworkInput, given: Sequence[NetworkCamera], options: Networ
     )
     built = build_network(tables, given, eccentricity=options.eccentricity)
     network = built.network
-    adjustment = network.adjust(adjust, offered)
-    weighted = tables
-    for _ in range(MAX_WEIGHTINGS):
-        cov_px2 = corrected_covariances(tables, network)
-        if not differ(weighted.observations.cov_px2, cov_px2):
-            break
-        weighted = with_covariances(tables, cov_px2)
-        seen = weighted.observations
-        network.set_observations(seen.image, seen.point, seen.xy_px, cov_px2, used=adjustment.used)
-        # Other weights may show what these did not: every parameter is offered anew.
-        for index, camera in enumerate(tables.cameras):
-            network.set_free(index, free_names(camera))
-        adjustment = network.adjust(replace(adjust, robust_start=False), offered)
+    try:
+        adjustment = network.adjust(adjust, offered)
+    except CalibrationError as error:
+        raise CalibrationError(f"{error}. {_too_much_is_free(tables)}") from error
     return Solved(
-        tables=weighted,
+        tables=tables,
         built=built,
         adjustment=adjustment,
         dispersion=network.dispersion(),
+    )
+
+
+def _too_much_is_free(tables: NetworkInput) -> str:
+    seen = tables.observations
+    known = int((tables.points.kind[np.unique(seen.point)] != "free").sum())
+    return (
+        f"There are {len(seen)} image points of {len(np.unique(seen.point))} points ({known} of "
+        f"them fixed or weighted) in {len(tables.images)} pictures: take more pictures, tilted and "
+        "turned about the camera's axis, free fewer of the camera's parameters, or give more "
+        "points of known position"
     )
 
 

@@ -108,6 +108,14 @@ def bars_at(bars: ScaleBars, mask: BoolArray) -> ScaleBars:
 def contradiction(network: NetworkInput, ratio: FloatArray) -> str:
     """The message of bars none of which can be blamed; ``ratio``: stated over measured."""
     bars = network.scale_bars
+    if (network.points.kind != "free").sum() >= 2:
+        worst = int(np.abs(np.log(ratio)).argmax())
+        return (
+            f"the scale bars and the fixed or weighted points contradict each other: bar "
+            f"{bar_name(network, worst)} is {bars.length_mm[worst]:.6g} mm long, by the points "
+            f"{bars.length_mm[worst] / ratio[worst]:.6g} mm, and nothing tells which is wrong; "
+            "check lengths, coordinates and their sigmas"
+        )
     low, high = int(ratio.argmin()), int(ratio.argmax())
     return (
         f"the scale bars contradict each other: by {bar_name(network, low)} "

@@ -199,6 +199,8 @@ class Block:
             rays = np.bincount(self.point[use], minlength=len(self.position))
             use &= (rays[self.point] >= 2) | self.known[self.point]
             images = np.unique(self.image[use])
+            if not len(images):
+                return
             if len(images) < 2 and not self.known.any():
                 return
             sigma = float(np.clip(np.median(distance[use]) / _MEDIAN_SIGMAS, 0.02, 20.0))

@@ -67,6 +67,7 @@ def build_network(
             prior_sigma=dict(camera.sigma),
             start=start_values(original, camera),
             aspect=camera.aspect,
+            residuals="corrected" if camera.corrected_residual else "measured",
         )
     poses = []
     for image in tables.images:

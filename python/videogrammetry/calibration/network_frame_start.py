@@ -6,11 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from videogrammetry.adjustment import principal_extents
+from videogrammetry.calibration.network_bars import GROSS_PART, unit_hint
+from videogrammetry.calibration.network_frame import fit_similarity
 from videogrammetry.calibration.network_input import NetworkInput
+from videogrammetry.errors import CalibrationError
 from videogrammetry.types import FloatArray
 
 #: A frame needs three points that are not on a line.
 _MIN_POINTS = 3
+#: Start values are compared from so many points on, of at most so many.
+_MIN_TO_COMPARE, _MOST_POINTS = 6, 300
+#: Extents below this part of the largest are a line's or a plane's.
+_FLAT = 0.02
 
 
 def on_start_values(started: NetworkInput, given: NetworkInput) -> NetworkInput:
@@ -46,6 +54,48 @@ def on_start_values(started: NetworkInput, given: NetworkInput) -> NetworkInput:
     )
     position = scale * started.points.position_mm @ rotation.T + shift
     return replace(started, images=images, points=replace(started.points, position_mm=position))
+
+
+def check_start_values(started: NetworkInput, given: NetworkInput) -> list[str]:
+    """Warnings about coordinates of free points that the started network contradicts.
+
+    They are start values only: a table in other units changes nothing but the frame,
+    if bars give the scale. A mirrored one shows that pictures or table are mirrored.
+
+    Raises
+    ------
+    CalibrationError : the mirror image of the start values fits, they do not.
+    """
+    free = given.points.kind == "free"
+    rows = np.flatnonzero(
+        free & np.isfinite(given.points.position_mm).all(axis=1)
+        & np.isfinite(started.points.position_mm).all(axis=1)
+    )[:_MOST_POINTS]  # fmt: skip
+    if len(rows) < _MIN_TO_COMPARE:
+        return []
+    target, found = given.points.position_mm[rows], started.points.position_mm[rows]
+    extents = principal_extents(target)
+    if extents[1] < _FLAT:
+        return []
+    fit = fit_similarity(target, found)
+    if extents[2] > _FLAT:
+        mirrored = fit_similarity(target, found, mirrored=True)
+        if mirrored.rms < fit.rms / 3.0 and mirrored.inlier.sum() > fit.inlier.sum():
+            raise CalibrationError(
+                "the mirror image of the points' start values fits the pictures "
+                f"({mirrored.rms:.3g} mm), they themselves do not ({fit.rms:.3g} mm): do image coordinates count y "
+                "upwards, or are the start values left-handed? Count y downwards from the top row, "
+                "or leave the start values away"
+            )
+    if not len(given.scale_bars) or abs(np.log(fit.scale)) < GROSS_PART:
+        return []
+    hint = unit_hint(1.0 / fit.scale)
+    if fit.scale > 1:
+        hint = unit_hint(fit.scale).replace("these", "the bars' lengths in")
+    return [
+        f"the points' start values are {fit.scale:.4g} times as large as the scale bars say"
+        f"{hint or '.'} The scale bars count"
+    ]
 
 
 def similarity(source: FloatArray, target: FloatArray) -> tuple[float, FloatArray, FloatArray]:

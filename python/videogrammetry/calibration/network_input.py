@@ -26,6 +26,8 @@ class NetworkCamera:
     r0_px : radius at which the radial polynomial is zero.
     measured : direction of the distortion (DESIGN: the paper's; False: AICON's and OpenCV's).
     aspect : pixel height over width less 1, applied before the distortion.
+    corrected_residual : residuals and stated sigmas are those of the corrected image
+        points, as PhotoModeler's; with ``measured`` alone.
     free : names of what is estimated (the ten, "aspect", "time_offset"); None: all ten,
         each kept only if significant.
     sigma : standard deviations with which start values are observed.
@@ -37,6 +39,7 @@ class NetworkCamera:
     r0_px: float
     measured: bool = True
     aspect: float = 0.0
+    corrected_residual: bool = False
     free: tuple[str, ...] | None = None
     sigma: Mapping[str, float] = field(default_factory=dict)
 

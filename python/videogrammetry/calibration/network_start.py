@@ -32,6 +32,8 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera
 
 #: Fewer points than this tie a picture weakly.
 _FEW_POINTS = 8
+#: Given poses hold if they lead to this share of image points within that share of the gate.
+_POSES_SHARE, _POSES_GATE = 0.6, 0.2
 #: A start that leaves more than this share of the gate is checked for mirrored points.
 _SUSPICIOUS = 0.1
 
@@ -86,7 +88,8 @@ def start_network(network: NetworkInput, *, partial: bool = False) -> StartedNet
 
     Parameters
     ----------
-    network : with what is known; poses that are given are taken over.
+    network : with what is known; poses that are given are taken over
+        if they fit.
     partial : where pictures fall into groups that nothing ties together, go on with
         the largest (the others without pose) instead of raising.
 
@@ -149,7 +152,7 @@ def _blocks(network: NetworkInput) -> tuple[list[Block], list[str], Seed | None]
             break
         if main is None or seed is None:
             return [], doubts, None
-        doubts += _focal_doubts(network, main)
+    doubts += _focal_doubts(network, main, searched=seed is not None)
     blocks = [main]
     tried = main.placed.copy()
     while True:
@@ -227,17 +230,10 @@ def _join(main: Block, other: Block) -> bool:
 
 def _from_known(network: NetworkInput, start: Block, doubts: list[str]) -> Block | None:
     """The block that resection on known points (or given poses) starts; None without."""
-    block = start.copy()
-    for k, image in enumerate(network.images):
-        if image.rotation is not None and image.translation_mm is not None:
-            block.place(k, np.asarray(image.rotation), np.asarray(image.translation_mm))
-    if block.placed.any():
-        block.triangulate()
-        if not block.has_point.any():
-            return None
-        block.settle_gate()
-        _complete(block)
+    block = _from_poses(network, start, doubts)
+    if block is not None:
         return block
+    block = start.copy()
     usable = [i for i in range(len(network.images)) if _sees_known(block, i)]
     if not usable:
         return None
@@ -253,6 +249,37 @@ def _from_known(network: NetworkInput, start: Block, doubts: list[str]) -> Block
     if cost > 0.5 * block.start_gate_px or block.placed.sum() < 0.3 * len(network.images):
         return None
     return block
+
+
+def _from_poses(network: NetworkInput, start: Block, doubts: list[str]) -> Block | None:
+    """The block of the given poses; None without, or where they do not fit the pictures."""
+    block = start.copy()
+    for k, image in enumerate(network.images):
+        if image.rotation is not None and image.translation_mm is not None:
+            block.place(k, np.asarray(image.rotation), np.asarray(image.translation_mm))
+    given = block.placed
+    if not given.any():
+        return None
+    rows = np.flatnonzero(given[block.image])
+    seen = np.bincount(block.point[rows], minlength=len(block.position))
+    rows = rows[(seen[block.point[rows]] > 1) | block.known[block.point[rows]]]
+    block.triangulate()
+    if block.has_point.any() and len(rows):
+        # Poses from a map or another program are rough, f may be: what they lead to counts.
+        block.bundle()
+        distance = np.nan_to_num(block.distance_px(rows), nan=np.inf)
+        if np.mean(distance < _POSES_GATE * block.start_gate_px) > _POSES_SHARE:
+            block.settle_gate()
+            block.triangulate(again=True)
+            _complete(block)
+            return block
+    if len(rows):
+        doubts.append(
+            f"the {int(given.sum())} given poses do not fit the pictures and were found anew: are "
+            "they cam_from_world (the object's point times the rotation, plus the translation, is "
+            "the camera's), in mm, and of these pictures?"
+        )
+    return None
 
 
 def _sees_known(block: Block, image: int) -> bool:
@@ -375,11 +402,13 @@ def _factors(network: NetworkInput) -> list[FloatArray]:
     return near + [np.where(held, 1.0, factor * sides / given) for factor in np.array(grid)]
 
 
-def _focal_doubts(network: NetworkInput, block: Block) -> list[str]:
+def _focal_doubts(network: NetworkInput, block: Block, *, searched: bool) -> list[str]:
     doubts = []
     for c, camera in enumerate(network.cameras):
         found, given = float(block.cameras[c].interior[0]), float(camera.interior[0])
         if not given > 0:
+            if not searched:
+                continue
             doubts.append(
                 f"camera {camera.name}: f was not given; {found:.0f} px fits best and is only as "
                 "sure as the pictures' convergence and depth make it"
@@ -404,9 +433,11 @@ def _set_frame(block: Block, network: NetworkInput, seed: Seed | None, doubts: l
         block.rotation, block.translation = fit.poses(block.rotation, block.translation)
         block.position = fit.points(block.position)
         if not fit.inlier.all():
+            known = (network.points.kind != "free") & block.has_point
+            wrong = [network.points.name[i] for i in np.flatnonzero(known)[~fit.inlier]]
             doubts.append(
-                f"{int((~fit.inlier).sum())} of {len(fit.inlier)} known points do not fit the "
-                "block: their numbers or coordinates are wrong"
+                f"{len(wrong)} of {len(fit.inlier)} known points do not fit the block, their "
+                f"numbers or coordinates are wrong: {', '.join(wrong[:8])}"
             )
         return "known points"
     first, second = seed.pair if block.placed[list(seed.pair)].all() else (

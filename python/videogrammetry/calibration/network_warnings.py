@@ -11,6 +11,8 @@ from videogrammetry.types import INTERIOR_NAMES
 
 #: The w-test at its usual level loses one good observation in a thousand; look beyond this.
 LOOK_REJECTED_PART = 0.05
+#: Normalised residuals beyond this are no chance: one good one in a million.
+LOOK_NORMALISED = 5.0
 #: A stated sigma this many times off misweighs image points against lengths.
 LOOK_SIGMA_RATIO = 2.0
 #: Two parameters as alike as this can hardly be told apart.
@@ -64,11 +66,37 @@ def _of_fit(tables: NetworkInput, adjustment: Adjustment) -> list[str]:
             f"where {tables.sigma_px:.3g} px was stated{weights}"
         )
     bars = adjustment.scale_bars
+    warnings += _not_tested(tables, adjustment)
     for i in np.flatnonzero(~bars.used):
         a, b = tables.scale_bars.point_a[i], tables.scale_bars.point_b[i]
         warnings.append(
             f"scale bar {tables.points.name[a]}-{tables.points.name[b]} contradicts the others by "
             f"{abs(bars.residual_mm[i]):.4g} mm and was left out: check its length and its ends"
+        )
+    return warnings
+
+
+def _not_tested(tables: NetworkInput, adjustment: Adjustment) -> list[str]:
+    """Contradictions that stay in the result because no data snooping was asked for."""
+    if tables.critical_value > 0 or not adjustment.sigma0 > 0:
+        return []
+    warnings = []
+    bars, names = adjustment.scale_bars, tables.points.name
+    w = np.abs(bars.normalised) / adjustment.sigma0
+    for i in np.flatnonzero(bars.used & (w > LOOK_NORMALISED)):
+        a, b = tables.scale_bars.point_a[i], tables.scale_bars.point_b[i]
+        warnings.append(
+            f"scale bar {names[a]}-{names[b]} contradicts the rest ({w[i]:.1f} standard "
+            "deviations) and takes part, for snooping = false: check lengths, ends and known points"
+        )
+    w = np.abs(adjustment.normalised).max(axis=1, initial=0.0) / adjustment.sigma0
+    large = np.flatnonzero(adjustment.used & (w > LOOK_NORMALISED))
+    if len(large):
+        seen, worst = tables.observations, int(large[w[large].argmax()])
+        warnings.append(
+            f"{len(large)} image points miss the others by more than {LOOK_NORMALISED:g} standard "
+            f"deviations and take part, for snooping = false; most ({w[worst]:.1f}) point "
+            f"{names[seen.point[worst]]} in {tables.images[seen.image[worst]].name}"
         )
     return warnings
 
@@ -81,9 +109,10 @@ def _of_cameras(
     for index, camera in enumerate(tables.cameras):
         for d in adjustment.dropped:
             if d.camera == index and d.undetermined:
+                why = ": all points lie in a plane, seen with hardly a tilt" if flat else ""
                 warnings.append(
                     f"camera {camera.name}: {d.name} is not determined by these pictures (sigma "
-                    f"{d.sigma:.3g}) and is held at its start value"
+                    f"{d.sigma:.3g}) and is held at its start value{why}"
                 )
         warnings += _weak_focal(tables, built, adjustment, dispersion, index, flat)
         warnings += _alike(camera.name, index, dispersion)

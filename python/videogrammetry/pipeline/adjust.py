@@ -88,8 +88,9 @@ def network_input(file: NetworkFile) -> tuple[NetworkInput, tuple[str, ...]]:
     image_number = {image.name: i for i, image in enumerate(images)}
     sigma_px = _sigma_px(file, observed)
     variance = np.where(np.isnan(observed.sigma_px), sigma_px, observed.sigma_px) ** 2
+    corrected = (file.residuals or observed.residuals) == "corrected"
     network = NetworkInput(
-        cameras=tuple(_camera(section) for section in file.cameras.values()),
+        cameras=tuple(_camera(section, corrected) for section in file.cameras.values()),
         images=images,
         points=points,
         observations=NetworkObservations(
@@ -123,7 +124,7 @@ def _datum(file: NetworkFile, points: NetworkPoints) -> Datum:
     return "weighted" if (points.kind == "weighted").any() else "free"
 
 
-def _camera(section: NetworkCameraSection) -> NetworkCamera:
+def _camera(section: NetworkCameraSection, corrected: bool) -> NetworkCamera:
     interior = np.array([section.start.get(name, 0.0) for name in INTERIOR_NAMES])
     interior[0] = section.start.get("f", np.nan)
     if "time_offset" in (section.free or ()):
@@ -138,6 +139,7 @@ def _camera(section: NetworkCameraSection) -> NetworkCamera:
         r0_px=section.r0_px or default_r0_px(section.image_size_px),
         measured=section.measured,
         aspect=section.start.get("aspect", 0.0),
+        corrected_residual=corrected and section.measured,
         free=section.free,
         sigma=section.sigma,
     )

@@ -26,6 +26,7 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray
 CAMERA_UNKNOWNS = (*INTERIOR_NAMES, "aspect", "time_offset")
 DIRECTIONS = ("measured", "ideal")
 DATUMS = ("free", "weighted", "fixed")
+RESIDUALS = ("measured", "corrected")
 DEFAULT_SIGMA_PX = 0.1
 DEFAULT_CRITICAL_VALUE = 3.29
 #: Lengths in pixels bear their unit in the file.
@@ -78,6 +79,8 @@ class NetworkFile:
     datum : None: not given; then fixed points, else weighted ones, else all fix it.
     critical_value : of the data snooping; 0 = none.
     diameter_mm : of circles whose diameter the points table does not state.
+    residuals : whose the residuals and sigmas are, "measured" or "corrected"; None: not
+        given; then the corrected points' of PhotoModeler's export, else the measured ones'.
     """
 
     path: Path
@@ -91,6 +94,7 @@ class NetworkFile:
     datum: str | None = None
     critical_value: float = DEFAULT_CRITICAL_VALUE
     diameter_mm: float | None = None
+    residuals: str | None = None
 
     @property
     def inputs(self) -> tuple[Path, ...]:
@@ -135,9 +139,17 @@ def read_network_file(path: str | os.PathLike[str]) -> NetworkFile:
         "datum": root.choice("datum", DATUMS, None),
         "critical_value": _snooping(root),
         "diameter_mm": root.number("diameter_mm", None, above=0),
+        "residuals": root.choice("residuals", RESIDUALS, None),
     }
     root.finish()
     sections = _cameras(cameras)
+    ideal = [name for name, section in sections.items() if not section.measured]
+    if network["residuals"] == "corrected" and ideal:
+        raise root.error(
+            "residuals",
+            f'= "corrected" needs distortion = "measured", and camera {ideal[0]} has "ideal": a '
+            "distortion of the ideal point corrects no measured one; take one of both away",
+        )
     if network["fixed"] and points is None:
         raise root.error("fixed", 'names points, but there is no table of them: add points = "..."')
     return NetworkFile(

@@ -42,13 +42,15 @@ _SAME_SIGMA = 1e-9
 class NamedObservations:
     """Image points by names: picture and point of each, (M, 2) px, (M,) sigma or NaN.
 
-    ``point`` is empty for a target of unknown identity.
+    ``point`` is empty for a target of unknown identity; ``residuals``: whose the sigmas
+    are, the "measured" points' or, of PhotoModeler's marks, the "corrected" ones'.
     """
 
     image: tuple[str, ...]
     point: tuple[str, ...]
     xy_px: FloatArray
     sigma_px: FloatArray
+    residuals: str = "measured"
 
     def __len__(self) -> int:
         return len(self.image)
@@ -127,6 +129,7 @@ def read_network_observations(path: str | os.PathLike[str]) -> NamedObservations
             point=tuple(map(point_name, marks.point)),
             xy_px=marks.xy_px,
             sigma_px=marks.sigma_px,
+            residuals="corrected",
         )
     if file.is_file() and file.suffix.lower() not in (".csv", ".txt", ""):
         raise TableError(

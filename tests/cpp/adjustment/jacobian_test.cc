@@ -13,12 +13,18 @@ struct State {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double radius_mm = 0;
   Sampling sampling{0.03, 0.4, {2.0, -5.0}};
+  bool corrected = false;
+  Eigen::Vector2d xy_px = Eigen::Vector2d::Zero();
 };
 
-Eigen::Vector2d Predict(const State& s) {
-  return *PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm},
-                            s.sampling);
+std::optional<Eigen::Vector2d> Predict(const State& s, ImagePointJacobians* j) {
+  auto pixel = PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm},
+                                 s.sampling, j);
+  if (pixel && s.corrected) CountFromCorrected(s.camera, s.sampling, s.xy_px, true, &*pixel, j);
+  return pixel;
 }
+
+Eigen::Vector2d Predict(const State& s) { return *Predict(s, nullptr); }
 
 Rigid3 Moved(const Rigid3& pose, int k, double step) {
   Rigid3 moved = pose;
@@ -48,12 +54,12 @@ void ExpectClose(const Eigen::Vector2d& analytic, const Eigen::Vector2d& numeric
 
 /// Of points (radius 0) and of circles whose lens only shears and stretches: the shift that
 /// a lens' curvature gives an ellipse's centre is left out of the derivatives.
-void CheckJacobians(double radius_mm) {
+void CheckJacobians(double radius_mm, bool corrected = false) {
   for (unsigned seed = 1; seed <= 5; ++seed) {
     std::mt19937 random(seed);
     State s;
     s.camera = synthetic::MakeCamera(2000);
-    if (seed % 2 == 0) s.camera.direction = DistortionDirection::kIdeal;
+    if (seed % 2 == 0 && !corrected) s.camera.direction = DistortionDirection::kIdeal;
     s.outer = {RotationFromVector(synthetic::UniformVector(&random, 0.5)), {100, -50, 200}};
     s.inner = {RotationFromVector(synthetic::UniformVector(&random, 0.3)), {20, 30, 3000}};
     s.outer.translation_mm += s.inner.translation_mm - s.outer.rotation * s.inner.translation_mm;
@@ -63,10 +69,10 @@ void CheckJacobians(double radius_mm) {
       s.normal = (Eigen::Vector3d(0, 0, -1) + synthetic::UniformVector(&random, 0.5)).normalized();
       s.camera.interior.segment<5>(kA1).setZero();
     }
+    s.xy_px = Predict(s) + Eigen::Vector2d(12.0, -7.0);
+    s.corrected = corrected;
     ImagePointJacobians j;
-    ASSERT_TRUE(PredictImagePoint(s.camera, &s.outer, s.inner, {s.point, s.normal, s.radius_mm},
-                                  s.sampling, &j))
-        << "seed " << seed;
+    ASSERT_TRUE(Predict(s, &j)) << "seed " << seed;
     const InteriorVector scale = InteriorScale(s.camera);
     const std::string name = "seed " + std::to_string(seed) + " ";
     for (int k = 0; k < kNumInterior; ++k) {
@@ -120,6 +126,35 @@ void CheckJacobians(double radius_mm) {
 TEST(ObservationModel, JacobiansEqualDifferences) { CheckJacobians(0); }
 
 TEST(ObservationModel, JacobiansOfCirclesEqualDifferences) { CheckJacobians(40); }
+
+TEST(ObservationModel, JacobiansOfCorrectedResidualsEqualDifferences) { CheckJacobians(0, true); }
+
+// f (X, Y) / Z over the scale in the middle is what a polynomial without r0 corrects to:
+// the residual, in pixel heights, is the difference from it.
+TEST(ObservationModel, CorrectedResidualByHand) {
+  Camera camera = synthetic::MakeCamera(2000);
+  const Rigid3 inner{Eigen::Matrix3d::Identity(), {10, 20, 2000}};
+  const Eigen::Vector3d point(350, -230, 10);
+  const Sampling sampling{0.02};
+  auto pixel = PredictImagePoint(camera, nullptr, inner, {point}, sampling);
+  ASSERT_TRUE(pixel);
+  const Eigen::Vector2d xy_px = *pixel + Eigen::Vector2d(3.0, -2.0);
+  CountFromCorrected(camera, sampling, xy_px, false, &*pixel);
+  const double r2 = camera.r0_px * camera.r0_px;
+  const double k = 1 - camera.interior[kA1] * r2 - camera.interior[kA2] * r2 * r2 -
+                   camera.interior[kA3] * r2 * r2 * r2;
+  Camera other = camera;
+  other.interior.segment<5>(kA1) /= k;
+  other.r0_px = 0;
+  Eigen::Vector2d p = xy_px - camera.principal_point_px();
+  p.y() *= 1.02;
+  const Eigen::Vector3d in_cam = inner * point;
+  other.interior.segment<2>(kE1) /= k;
+  Eigen::Vector2d expected =
+      p + Distortion(other, p) - camera.f_px() / k * in_cam.head<2>() / in_cam.z();
+  expected /= 1.02;
+  EXPECT_LT((xy_px - *pixel - expected).norm(), 1e-9);
+}
 
 // Pixels twice as high as wide: half as many rows from the principal point, and a point
 // that moves by 4 px between pictures is 1 px further after a quarter of that time.

@@ -83,9 +83,9 @@ def check_start_values(started: NetworkInput, given: NetworkInput) -> list[str]:
         if mirrored.rms < fit.rms / 3.0 and mirrored.inlier.sum() > fit.inlier.sum():
             raise CalibrationError(
                 "the mirror image of the points' start values fits the pictures "
-                f"({mirrored.rms:.3g} mm), they themselves do not ({fit.rms:.3g} mm): do image coordinates count y "
-                "upwards, or are the start values left-handed? Count y downwards from the top row, "
-                "or leave the start values away"
+                f"({mirrored.rms:.3g} mm), they themselves do not ({fit.rms:.3g} mm): "
+                "do image coordinates count y upwards, or are the start values left-handed? Count "
+                "y downwards from the top row, or leave the start values away"
             )
     if not len(given.scale_bars) or abs(np.log(fit.scale)) < GROSS_PART:
         return []

@@ -30,8 +30,9 @@ constexpr double kRankTolerance = 1e-12;
       UnknownName(network, index, unknown));
 }
 
-ImageRow MakeRow(const NetworkImage& image, const UnknownIndex& index, int point,
+ImageRow MakeRow(const Network& network, int image_index, const UnknownIndex& index, int point,
                  const std::optional<Eigen::Vector2d>& pixel, const ImagePointJacobians& j) {
+  const NetworkImage& image = network.images[image_index];
   ImageRow row;
   if (!pixel) return row;
   row.valid = true;
@@ -70,14 +71,14 @@ ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, 
                              int point, const Eigen::Vector2d& velocity_px) {
   ImagePointJacobians j;
   const auto pixel = PredictImagePoint(network, image, point, velocity_px, &j);
-  return MakeRow(network.images[image], index, point, pixel, j);
+  return MakeRow(network, image, index, point, pixel, j);
 }
 
 ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
                               const NetworkObservation& o) {
   ImagePointJacobians j;
   const auto pixel = PredictObservation(network, o, &j);
-  return MakeRow(network.images[o.image], index, o.point, pixel, j);
+  return MakeRow(network, o.image, index, o.point, pixel, j);
 }
 
 BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar) {

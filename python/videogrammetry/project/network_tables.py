@@ -205,7 +205,7 @@ def read_network_scale_bars(path: str | os.PathLike[str]) -> tuple[NamedScaleBar
     >>> path = Path(tempfile.mkdtemp()) / "bars.csv"
     >>> header = "point_a,point_b,length_mm,sigma_mm,alpha_per_K,temperature_C"
     >>> _ = path.write_text(header + "\\n1,2,1000,0.01,1e-5,25\\n")
-    >>> read_network_scale_bars(path)[0].length_mm
+    >>> round(read_network_scale_bars(path)[0].length_mm, 6)
     1000.05
     """
     table = read_csv(path, SCALE_BAR_COLUMNS, SCALE_BAR_OPTIONAL)

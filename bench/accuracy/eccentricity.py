@@ -28,7 +28,7 @@ from videogrammetry.calibration import (
     calibrate,
 )
 from videogrammetry.geometry import ellipse_centres, project, rotation_from_vector
-from videogrammetry.pipeline.stages import measure_stage
+from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
 from videogrammetry.recognition import RecognitionOptions, recognize
 from videogrammetry.reconstruction import Circles, Triangulator, triangulate
 from videogrammetry.rendering import Renderer, SceneTargets, Sensor
@@ -371,8 +371,9 @@ def rendered(pictures=12):
             recognize(Renderer(c, sensor=sensor).render(dots, seed=seed).image, options)
             for c in rig.cameras.values()
         ]
+        cameras = [CameraTargets.of_stages([t]) for t in targets]
         for diameter, rows in found.items():
-            points = measure_stage(triangulator, targets, diameter_mm=diameter).points
+            points = measure_targets(triangulator, cameras, diameter_mm=diameter).points
             apart = np.linalg.norm(points.position_mm[:, None] - centre, axis=2)
             near = apart.argmin(axis=1)
             keep = apart.min(axis=1) < 2.0

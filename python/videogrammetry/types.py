@@ -52,6 +52,17 @@ def matrix_from_cov6(cov6: FloatArray) -> FloatArray:
     return matrix
 
 
+#: What is said of a point at a stage, the bits of ``Trajectories.flags`` from the lowest.
+POINT_FLAGS = (
+    "two_rays",  # 1: no third ray that could contradict
+    "large_residual",  # 2: the rays miss each other by more than noise and calibration explain
+    "outside_volume",  # 4: beyond where the calibration was
+    "ambiguous",  # 8: another match or another identity is not much less likely
+    "filled",  # 16: not measured, estimated from other stages or neighbours
+    "unstable_camera",  # 32: seen by a camera that has moved since the calibration
+)
+
+
 @runtime_checkable
 class FrameSource(Protocol):
     """A sequence of frames of one camera: what a reader of a format provides.
@@ -108,7 +119,8 @@ class PackedSamples(Protocol):
         ...
 
 
-#: Stands for confidences that were not given.
+#: Stand for flags and confidences that were not given.
+_NO_FLAGS = np.empty(0, np.uint8)
 _UNKNOWN = np.empty(0)
 
 
@@ -376,6 +388,7 @@ class Trajectories:
     cov_image_mm2 : (S, P, 6) the image noise's part alone.
     cameras_used : (S, P, C) bool. rms_px : (S, P).
     camera_names : (C,).
+    flags : (S, P) uint8, bits by ``POINT_FLAGS``; 0 where nothing is said.
     """
 
     stage: IntArray
@@ -387,6 +400,11 @@ class Trajectories:
     cameras_used: npt.NDArray[np.bool_]
     rms_px: FloatArray
     camera_names: tuple[str, ...]
+    flags: npt.NDArray[np.uint8] = field(default_factory=lambda: _NO_FLAGS)
+
+    def __post_init__(self) -> None:
+        if self.flags is _NO_FLAGS:
+            object.__setattr__(self, "flags", np.zeros(self.rms_px.shape, np.uint8))
 
 
 @dataclass(frozen=True, kw_only=True)

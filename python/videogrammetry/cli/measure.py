@@ -10,9 +10,8 @@ import numpy as np
 
 from videogrammetry.cli.common import SubParsers, add_force, add_verb, text_table
 from videogrammetry.cli.progress import Progress
-from videogrammetry.matching import TARGET_STATUS
-from videogrammetry.project import read_project, refuse_overwrite, write_measurement
-from videogrammetry.types import Measurement
+from videogrammetry.pipeline.sinks import StageTable
+from videogrammetry.project import read_project, refuse_overwrite
 
 
 def add_parser(verbs: SubParsers) -> None:
@@ -23,10 +22,18 @@ def add_parser(verbs: SubParsers) -> None:
         run,
         help="measure the motion in the sequences",
         description="Recognises, matches, reconstructs and tracks all stages; "
-        "writes measurement.h5 beside the project file, which needs its rig.json there.",
+        "writes measurement.h5 beside the project file, which needs its rig.json there. What is "
+        "done is kept: after an interruption the same command goes on where it ended.",
         example="videogrammetry measure project.toml",
     )
     parser.add_argument("project", type=Path, metavar="PROJECT", help="project.toml or its folder")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        default=0,
+        metavar="N",
+        help="chunks of stages at a time (default: 0, one a core)",
+    )
     add_force(parser)
 
 
@@ -35,46 +42,50 @@ def run(args: argparse.Namespace) -> int:
     project = read_project(args.project)
     refuse_overwrite(project.measurement_path, args.force)
 
-    from videogrammetry.pipeline import measure_project
+    from videogrammetry.pipeline import measure_to_file
 
     progress = Progress("measure", "stages")
     try:
-        measurement = measure_project(project, progress=progress)
+        table = measure_to_file(project, progress=progress, num_threads=args.threads)
     finally:
         progress.close()
-    write_measurement(project.measurement_path, measurement)
-    for warning in measurement.warnings:
+    for warning in table.warnings:
         print(f"warning: {warning}", file=sys.stderr)
-    print(summary(measurement), end="")
+    print(summary(table), end="")
     print(f"wrote {project.measurement_path}", file=sys.stderr)
     return 0
 
 
-def summary(measurement: Measurement) -> str:
+#: Of more stages than this, as many are shown, evenly from the first to the last.
+_MOST_ROWS = 40
+
+
+def summary(table: StageTable) -> str:
     """Table of the stages, and what became of the targets."""
-    table, targets = measurement.trajectories, measurement.targets
-    there = np.isfinite(table.position_mm[..., 0])
-    sigma = np.sqrt(table.cov_mm2[..., [0, 3, 5]].sum(axis=2))
+    count = len(table.stage)
+    shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_ROWS)).round().astype(int))
     rows = []
-    for s, stage in enumerate(table.stage.tolist()):
-        moved = measurement.motion.centroid_displacement_mm[s]
+    for s in shown.tolist():
+        moved = table.centroid_displacement_mm[s]
         rows.append(
             [
-                str(stage),
-                str(int((targets.stage == stage).sum())),
-                str(int(there[s].sum())),
-                f"{np.nanmedian(table.rms_px[s]):.4f}" if there[s].any() else "-",
-                f"{np.nanmedian(sigma[s]):.4f}" if there[s].any() else "-",
+                str(table.stage[s]),
+                str(table.num_targets[s]),
+                str(table.num_points[s]),
+                *(f"{v:.4f}" if np.isfinite(v) else "-" for v in _quality(table, s)),
                 *(f"{v:.3f}" if np.isfinite(v) else "-" for v in moved),
             ]
         )
     header = ["stage", "targets", "points", "RMS px", "sigma mm"]
     header += ["centroid dx mm", "dy mm", "dz mm"]
-    counts = ", ".join(
-        f"{int((targets.match_status == code).sum())} {name}"
-        for code, name in enumerate(TARGET_STATUS)
+    left_out = "" if len(shown) == count else f"{len(shown)} of {count} stages are shown\n"
+    counts = ", ".join(f"{n} {name}" for name, n in table.status_counts().items())
+    return (
+        text_table(header, rows)
+        + left_out
+        + f"{table.points} points, {table.everywhere} of them in every stage; targets: {counts}\n"
     )
-    everywhere = int(there.all(axis=0).sum())
-    return text_table(header, rows) + (
-        f"{there.shape[1]} points, {everywhere} of them in every stage; targets: {counts}\n"
-    )
+
+
+def _quality(table: StageTable, row: int) -> tuple[float, float]:
+    return float(table.rms_px[row]), float(table.sigma_mm[row])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,10 +54,20 @@ def displacement(
     >>> d.tolist(), c[:, 0].tolist()
     ([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], [0.0, 2.0])
     """
-    difference = position - position[reference]
-    variance = cov + cov[reference]
-    known = np.isfinite(position[reference])[..., :1]
-    variance[reference] = np.where(known, 0.0, np.nan)
+    here = np.arange(len(position)) == reference
+    return _displacement_from(position, cov, (position[reference], cov[reference]), here)
+
+
+def _displacement_from(
+    position: FloatArray,
+    cov: FloatArray,
+    reference: tuple[FloatArray, FloatArray],
+    at_reference: npt.NDArray[np.bool_],
+) -> tuple[FloatArray, FloatArray]:
+    difference = position - reference[0]
+    variance = cov + reference[1]
+    known = np.isfinite(reference[0])[..., :1]
+    variance[at_reference] = np.where(known, 0.0, np.nan)
     return difference, variance
 
 
@@ -122,15 +133,112 @@ def _centroid(trajectories: Trajectories, columns: npt.NDArray[np.intp]) -> tupl
     return mean, noise, noise + common
 
 
-def _columns(trajectories: Trajectories, points: tuple[int, ...]) -> npt.NDArray[np.intp]:
-    missing = sorted(set(points) - set(trajectories.point_id.tolist()))
+def _columns(point_id: IntArray, points: tuple[int, ...]) -> npt.NDArray[np.intp]:
+    missing = sorted(set(points) - set(point_id.tolist()))
     if missing:
         raise ValueError(
             f"[motion] centroid_points: {missing} were measured at no stage; measured are "
-            f"{', '.join(map(str, trajectories.point_id[:30].tolist()))}"
-            f"{', ...' if len(trajectories.point_id) > 30 else ''}"
+            f"{', '.join(map(str, point_id[:30].tolist()))}"
+            f"{', ...' if len(point_id) > 30 else ''}"
         )
-    return np.searchsorted(trajectories.point_id, np.array(sorted(points)))
+    return np.searchsorted(point_id, np.array(sorted(points)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionPlan:
+    """What all stages of a motion have in common, so that it can be computed part by part.
+
+    Attributes
+    ----------
+    reference : the trajectories of the reference stage alone, of all points.
+    centroid_points : (N,) numbers of the points whose mean is the centroid, ascending.
+    """
+
+    reference: Trajectories
+    centroid_points: IntArray
+
+
+def plan_motion(
+    reference: Trajectories, measured: npt.NDArray[np.bool_], options: MotionOptions
+) -> MotionPlan:
+    """The plan of a motion.
+
+    Parameters
+    ----------
+    reference : the trajectories of the reference stage, one row.
+    measured : (S, P) at which stages the points were measured; of ``centroid_points``
+        where these are named it is not looked at.
+    options : ``reference_stage`` is ``reference``'s.
+
+    Raises
+    ------
+    ValueError
+        A centroid's point was not measured.
+    """
+    if options.centroid_points is None:
+        columns = constant_set(measured)
+    else:
+        columns = _columns(reference.point_id, options.centroid_points)
+    return MotionPlan(reference=reference, centroid_points=reference.point_id[columns])
+
+
+def motion_part(part: Trajectories, plan: MotionPlan) -> Motion:
+    """The motion of consecutive stages.
+
+    ``part`` may hold fewer points than the plan: those left out are not measured in it.
+    Steps and velocities need the stage after and the stages around: give one
+    stage more at each end, and leave these rows out of the result
+    (:func:`motion_rows`).
+    """
+    stage = int(plan.reference.stage[0])
+    of_reference = np.searchsorted(plan.reference.point_id, part.point_id)
+    position, cov = part.position_mm, part.cov_image_mm2
+    at_reference = part.stage == stage
+    start = (
+        plan.reference.position_mm[0, of_reference],
+        plan.reference.cov_image_mm2[0, of_reference],
+    )
+    centre, centre_noise, centre_cov = _centroid_of(part, plan.centroid_points)
+    first, first_noise, _ = _centroid_of(plan.reference, plan.centroid_points)
+    step_mm, step_cov = step(position, cov)
+    moved, moved_cov = _displacement_from(position, cov, start, at_reference)
+    speed, speed_cov = velocity(position, cov, part.time_s)
+    centre_moved, centre_moved_cov = _displacement_from(
+        centre, centre_noise, (first[0], first_noise[0]), at_reference
+    )
+    centre_speed, centre_speed_cov = velocity(centre, centre_noise, part.time_s)
+    return Motion(
+        reference_stage=stage,
+        step_mm=step_mm,
+        step_cov_mm2=step_cov,
+        displacement_mm=moved,
+        displacement_cov_mm2=moved_cov,
+        velocity_mm_s=speed,
+        velocity_cov_mm2_s2=speed_cov,
+        centroid_points=plan.centroid_points,
+        centroid_mm=centre,
+        centroid_cov_mm2=centre_cov,
+        centroid_displacement_mm=centre_moved,
+        centroid_displacement_cov_mm2=centre_moved_cov,
+        centroid_velocity_mm_s=centre_speed,
+        centroid_velocity_cov_mm2_s2=centre_speed_cov,
+    )
+
+
+def motion_rows(motion: Motion, rows: slice) -> Motion:
+    """Some of the stages that a motion was computed for."""
+    series = (name for name in Motion.__dataclass_fields__ if name not in _COMMON)
+    return dataclasses.replace(motion, **{name: getattr(motion, name)[rows] for name in series})
+
+
+_COMMON = ("reference_stage", "centroid_points")
+
+
+def _centroid_of(part: Trajectories, points: IntArray) -> tuple[FloatArray, ...]:
+    there = np.isin(points, part.point_id)
+    if not there.all():  # one is not measured at any of these stages: there is no mean
+        return _centroid(part, np.empty(0, np.intp))
+    return _centroid(part, np.searchsorted(part.point_id, points))
 
 
 def compute_motion(trajectories: Trajectories, options: MotionOptions | None = None) -> Motion:
@@ -152,30 +260,12 @@ def compute_motion(trajectories: Trajectories, options: MotionOptions | None = N
             "one of these"
         )
     row = int(np.flatnonzero(stage == reference)[0])
-    position, cov = trajectories.position_mm, trajectories.cov_image_mm2
-    if options.centroid_points is None:
-        columns = constant_set(np.isfinite(position[..., 0]))
-    else:
-        columns = _columns(trajectories, options.centroid_points)
-    centre, centre_noise, centre_cov = _centroid(trajectories, columns)
-    step_mm, step_cov = step(position, cov)
-    moved, moved_cov = displacement(position, cov, row)
-    speed, speed_cov = velocity(position, cov, trajectories.time_s)
-    centre_moved, centre_moved_cov = displacement(centre, centre_noise, row)
-    centre_speed, centre_speed_cov = velocity(centre, centre_noise, trajectories.time_s)
-    return Motion(
-        reference_stage=reference,
-        step_mm=step_mm,
-        step_cov_mm2=step_cov,
-        displacement_mm=moved,
-        displacement_cov_mm2=moved_cov,
-        velocity_mm_s=speed,
-        velocity_cov_mm2_s2=speed_cov,
-        centroid_points=trajectories.point_id[columns],
-        centroid_mm=centre,
-        centroid_cov_mm2=centre_cov,
-        centroid_displacement_mm=centre_moved,
-        centroid_displacement_cov_mm2=centre_moved_cov,
-        centroid_velocity_mm_s=centre_speed,
-        centroid_velocity_cov_mm2_s2=centre_speed_cov,
-    )
+    measured = np.isfinite(trajectories.position_mm[..., 0])
+    plan = plan_motion(trajectory_rows(trajectories, slice(row, row + 1)), measured, options)
+    return motion_part(trajectories, plan)
+
+
+def trajectory_rows(trajectories: Trajectories, rows: slice) -> Trajectories:
+    """The trajectories of some of the stages."""
+    series = (n for n in Trajectories.__dataclass_fields__ if n not in ("point_id", "camera_names"))
+    return dataclasses.replace(trajectories, **{n: getattr(trajectories, n)[rows] for n in series})

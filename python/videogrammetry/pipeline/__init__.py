@@ -2,10 +2,11 @@
 
 from videogrammetry.pipeline.calibrate import calibrate_by, calibrate_frames, calibrate_project
 from videogrammetry.pipeline.frames import Progress
-from videogrammetry.pipeline.measure import measure_frames, measure_project
+from videogrammetry.pipeline.measure import measure_frames, measure_project, measure_to_file
 from videogrammetry.pipeline.motion import recompute_motion
 from videogrammetry.pipeline.plan import plan_columns, plan_document, plan_rig
 from videogrammetry.pipeline.plan_types import CountRow, Plan, PlanOptions, Section
+from videogrammetry.pipeline.sinks import StageTable
 from videogrammetry.pipeline.verify import Verification, verify_project
 
 __all__ = [
@@ -14,12 +15,14 @@ __all__ = [
     "PlanOptions",
     "Progress",
     "Section",
+    "StageTable",
     "Verification",
     "calibrate_by",
     "calibrate_frames",
     "calibrate_project",
     "measure_frames",
     "measure_project",
+    "measure_to_file",
     "plan_columns",
     "plan_document",
     "plan_rig",

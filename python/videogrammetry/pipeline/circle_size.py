@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.matching import TARGET_STATUS
-from videogrammetry.types import FloatArray, Matches, RigData, StagePoints, Targets
+from videogrammetry.types import FloatArray, IntArray, Matches, RigData, StagePoints, Targets
 
 #: By how much a circle's measured diameter may differ from the stated one, and how many sigmas.
 _TOLERANCE, _SIGMAS = 0.15, 4.0
@@ -49,8 +50,7 @@ def check_size(
     """
     target = matches.target.copy()
     status = [s.copy() for s in matches.status]
-    row_of = {tuple(row): i for i, row in enumerate(matches.target.tolist())}
-    rows = np.array([row_of[tuple(row)] for row in points.target.tolist()], dtype=int)
+    rows = _rows_of(matches.target, points.target)
     checked, measured = 0, [np.empty(0)]
     for c, camera in enumerate(rig.cameras.values()):
         seen = np.flatnonzero(points.target[:, c] >= 0)
@@ -86,14 +86,30 @@ def check_size(
     return SizeCheck(matches=left, num_checked=checked, measured_mm=sizes)
 
 
+def _rows_of(matched: IntArray, reconstructed: IntArray) -> npt.NDArray[np.intp]:
+    """Where the points' rows of targets stand among the matches', whose order they keep.
+
+    Examples
+    --------
+    >>> _rows_of(np.array([[0, -1], [1, 0], [-1, 2]]), np.array([[1, 0], [-1, 2]])).tolist()
+    [1, 2]
+    """
+    rows = np.full(len(reconstructed), -1, dtype=np.intp)
+    for c in range(matched.shape[1]):
+        of_target = np.full(matched[:, c].max(initial=-1) + 1, -1, dtype=np.intp)
+        seen = np.flatnonzero(matched[:, c] >= 0)
+        of_target[matched[seen, c]] = seen
+        here = np.flatnonzero(reconstructed[:, c] >= 0)
+        rows[here] = of_target[reconstructed[here, c]]
+    return rows
+
+
 #: From which share of sightings left out on the stated diameter itself is doubted.
 _MANY = 0.2
 
 
-def size_remark(checks: Sequence[SizeCheck], diameter_mm: float) -> str | None:
-    """What to say if many sightings were left out for their size; None if few were."""
-    checked = sum(c.num_checked for c in checks)
-    sizes = np.concatenate([c.measured_mm for c in checks])
+def size_remark(checked: int, sizes: FloatArray, diameter_mm: float) -> str | None:
+    """What to say if many of the sightings checked were left out for their sizes (mm)."""
     if len(sizes) <= _MANY * checked:
         return None
     advice = (

@@ -6,10 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.geometry import rays_through_pixels
 from videogrammetry.matching import TARGET_STATUS
-from videogrammetry.types import FloatArray, Matches, RigData, Targets
+from videogrammetry.types import FloatArray, IntArray, Matches, RigData, Targets
 
 #: By how much two rays may part beyond what the ellipses' axes allow: a ratio of
 #: axes that noise takes from 1 to 0.97 looks like a tilt of 14 degrees.
@@ -17,13 +18,16 @@ _TOLERANCE_RAD = np.radians(30.0)
 _NO_PARTNER = TARGET_STATUS.index("no partner")
 
 
-def check_facing(rig: RigData, targets: Sequence[Targets], matches: Matches) -> Matches:
+def check_facing(
+    rig: RigData, targets: Sequence[Targets], unique_id: Sequence[IntArray], matches: Matches
+) -> Matches:
     """The matches without sightings of a coded target that its tilt rules out.
 
     A ray meets a circle's plane at the angle t off its normal, cos t = b / a of
     the ellipse (to second order in the size of the picture's part). Two rays to
     one face part by t1 + t2 at most; rays from opposite sides by pi - t1 - t2 at
-    least. Matches without a code are left alone: they may be balls.
+    least. Matches without a code are left alone: they may be balls. ``unique_id``: the
+    codes of ``targets``, -1 where a picture has one twice.
     """
     rows = np.flatnonzero((matches.id >= 0) & ((matches.target >= 0).sum(axis=1) >= 2))
     if not len(rows):
@@ -37,6 +41,7 @@ def check_facing(rig: RigData, targets: Sequence[Targets], matches: Matches) -> 
     ]
     rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
     tilt = [np.arccos(np.clip(t.semi_axes_px[:, 1] / t.semi_axes_px[:, 0], 0, 1)) for t in targets]
+    rows = rows[_may_part(rays, tilt, target[rows])]
     changed = False
     for row in rows:
         cameras = np.flatnonzero(target[row] >= 0)
@@ -52,7 +57,7 @@ def check_facing(rig: RigData, targets: Sequence[Targets], matches: Matches) -> 
             target[row, c] = -1
             status[c][i] = _NO_PARTNER
         left = zip(cameras[kept].tolist(), index[kept].tolist(), strict=True)
-        if not any(targets[c].unique_id[i] == numbers[row] for c, i in left):
+        if not any(unique_id[c][i] == numbers[row] for c, i in left):
             numbers[row] = -1  # the code was read on the face that is gone
     if not changed:
         return matches
@@ -67,7 +72,22 @@ def check_facing(rig: RigData, targets: Sequence[Targets], matches: Matches) -> 
     )
 
 
-def _one_face(rays: FloatArray, tilt_rad: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _may_part(
+    rays: Sequence[FloatArray], tilt_rad: Sequence[FloatArray], target: IntArray
+) -> npt.NDArray[np.bool_]:
+    """(P,) whether any two sightings of rows (P, C) part by more than their tilts allow."""
+    found = np.zeros(len(target), dtype=bool)
+    for a in range(target.shape[1]):
+        for b in range(a):
+            row = np.flatnonzero((target[:, a] >= 0) & (target[:, b] >= 0))
+            i, j = target[row, a], target[row, b]
+            cosine = np.einsum("nk,nk->n", rays[a][i], rays[b][j])
+            limit = tilt_rad[a][i] + tilt_rad[b][j] + _TOLERANCE_RAD
+            found[row] |= np.arccos(np.clip(cosine, -1, 1)) > limit
+    return found
+
+
+def _one_face(rays: FloatArray, tilt_rad: FloatArray) -> npt.NDArray[np.bool_]:
     """Which sightings stay: the worst goes until all pairs can see one face; fewer than two: none.
 
     Examples

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,33 +14,79 @@ import numpy.typing as npt
 from videogrammetry.errors import MeasurementError, ProjectFileError
 from videogrammetry.geometry import select_cameras
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
-from videogrammetry.motion import MotionOptions, compute_motion
-from videogrammetry.pipeline.eccentricity import circle_summary
+from videogrammetry.motion import MotionOptions, MotionPlan
+from videogrammetry.pipeline.assemble import (
+    Linked,
+    Sink,
+    TrajectoryBuilder,
+    assemble,
+    link_chunks,
+    plan_of_chunks,
+)
+from videogrammetry.pipeline.chunk_job import (
+    ChunkOptions,
+    ChunkWorker,
+    chunks_of,
+    fingerprint,
+    learn_models,
+)
+from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore, FolderStore, MemoryStore
 from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
     map_bounded,
     not_applied_yet,
     open_cameras,
-    read_and_recognize,
     recognition_options,
     silent,
 )
-from videogrammetry.pipeline.stages import (
-    StageResult,
-    measure_stage,
-    nothing_measured,
-    refuse_senseless,
-    stage_warnings,
-    target_records,
+from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink
+from videogrammetry.pipeline.totals import nothing_measured, refuse_senseless, stage_warnings
+from videogrammetry.project import (
+    MeasurementLayout,
+    Project,
+    open_measurement_writer,
+    provenance,
+    read_rig,
 )
-from videogrammetry.project import Project, provenance, read_rig
-from videogrammetry.recognition import RING_STATUS, RecognitionOptions, code_family
-from videogrammetry.reconstruction import CalibrationField, Triangulator
+from videogrammetry.recognition import RING_STATUS, CameraModel, RecognitionOptions, code_family
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
-from videogrammetry.tracking import build_trajectories, link_stages
-from videogrammetry.types import FrameSource, IntArray, Measurement, RigData
+from videogrammetry.types import FrameSource, Measurement, RigData
+
+#: Where the finished chunks of a measurement wait, beside the project.
+PARTS_FOLDER = "measurement.parts"
+
+#: What the values of a measurement's flags mean.
+_MEANINGS = {"match_status": TARGET_STATUS, "ring_status": RING_STATUS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureJob:
+    """All that a measurement needs to begin.
+
+    Attributes
+    ----------
+    rig : the cameras in the order of ``sources``. stages : first and last, inclusive.
+    options, motion : how. frame_rate_hz : None: times and velocities stay empty.
+    inputs : files whose hashes the result carries, relative to ``folder``.
+    warnings : what is to be said whatever is found.
+    """
+
+    rig: RigData
+    sources: Mapping[str, FrameSource]
+    stages: tuple[int, int]
+    options: ChunkOptions
+    motion: MotionOptions
+    frame_rate_hz: float | None = None
+    inputs: tuple[str | os.PathLike[str], ...] = ()
+    folder: Path | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """In the order of all results."""
+        return tuple(self.rig.cameras)
 
 
 def measure_frames(
@@ -51,6 +98,7 @@ def measure_frames(
     recognition: RecognitionOptions | None = None,
     matching: MatchingOptions | None = None,
     motion: MotionOptions | None = None,
+    full_every: int = ChunkOptions.full_every,
     diameter_mm: float | None = None,
     thickness_mm: float = 0.0,
     progress: Progress = silent,
@@ -58,8 +106,9 @@ def measure_frames(
 ) -> Measurement:
     """Measure sequences of calibrated cameras, from files or from memory.
 
-    Stage by stage: recognition in every camera's frame, matching, triangulation
-    with covariance; then numbers for un-coded points over all stages, and motion.
+    Chunks of stages, several at a time: recognition in every camera's frames,
+    matching, triangulation with covariance; then numbers for un-coded points over
+    all stages, and motion. The result does not depend on the number of threads.
 
     Parameters
     ----------
@@ -69,87 +118,39 @@ def measure_frames(
     frame_rate_hz : None: times and velocities stay empty.
     stages : first and last stage, inclusive, from 1; None: all.
     recognition, matching, motion : options; None: the defaults.
+    full_every : targets are followed from frame to frame, and every so many frames
+        the whole frame is searched (and where one was lost); 1: always.
     diameter_mm : of all targets' circles: what has another size is left out, and
         positions are those of the circles' centres instead of the ellipses'. None:
         neither.
     thickness_mm : height of the circles over the object: positions move by it from
         the stickers' surface into the object.
-    progress : told about each stage.
-    num_threads : stages at a time; 0 = one a core.
+    progress : told about the stages done.
+    num_threads : chunks at a time; 0 = one a core.
 
     Raises
     ------
     SequenceError, MeasurementError
         Naming camera or picture, and what to do.
     """
-    recognition = recognition or RecognitionOptions()
-    matching = matching or MatchingOptions()
-    motion = motion or MotionOptions()
+    _check_numbers(diameter_mm, thickness_mm, full_every)
     sources = {name: as_source(source) for name, source in frames.items()}
     rig = _rig_in_order(rig, sources)
-    first, last = stages or (1, check_same_length(sources))
-    stage = np.arange(first, last + 1, dtype=np.int32)
-    _check_circles(diameter_mm, thickness_mm)
-    stage_options = (recognition, matching, diameter_mm, thickness_mm)
-    results = _measure_stages(rig, sources, stage, stage_options, progress, num_threads)
-    numbers = link_stages([r.points for r in results], first_free_id(recognition))
-    if not any(len(n) for n in numbers):
-        raise MeasurementError(nothing_measured(results, diameter_mm))
-    time_s = (stage - 1) / frame_rate_hz if frame_rate_hz else np.full(len(stage), np.nan)
-    trajectories = build_trajectories(
-        [r.points for r in results], numbers, stage, time_s, list(rig.cameras)
-    )
-    names = (tuple(s.name(i - 1) for i in stage.tolist()) for s in sources.values())
-    options = {
-        "recognition": recognition,
-        "matching": matching,
-        "motion": motion,
-        "diameter_mm": diameter_mm,
-        "thickness_mm": thickness_mm,
-        "eccentricity": circle_summary([r.points for r in results]),
-    }
-    return Measurement(
-        trajectories=trajectories,
-        motion=compute_motion(trajectories, motion),
-        targets=target_records(results, numbers, stage),
-        image_name=tuple(names),
+    job = MeasureJob(
+        rig=rig,
+        sources=sources,
+        stages=stages or (1, check_same_length(sources)),
+        options=ChunkOptions(
+            recognition=recognition or RecognitionOptions(),
+            matching=matching or MatchingOptions(),
+            full_every=full_every,
+            diameter_mm=diameter_mm,
+            thickness_mm=thickness_mm,
+        ),
+        motion=motion or MotionOptions(),
         frame_rate_hz=frame_rate_hz,
-        provenance=provenance({"stages": [first, last], **options, "rig": rig.how}),
-        warnings=tuple(stage_warnings(results, stage, list(rig.cameras), diameter_mm)),
-        flag_meanings={"match_status": TARGET_STATUS, "ring_status": RING_STATUS},
     )
-
-
-def _check_circles(diameter_mm: float | None, thickness_mm: float) -> None:
-    if diameter_mm is not None and not (np.isfinite(diameter_mm) and diameter_mm > 0):
-        raise ValueError(f"diameter_mm: expected a positive length, got {diameter_mm}")
-    if not (np.isfinite(thickness_mm) and thickness_mm >= 0):
-        raise ValueError(f"thickness_mm: expected 0 or more, got {thickness_mm}")
-
-
-def _measure_stages(
-    rig: RigData,
-    sources: Mapping[str, FrameSource],
-    stage: IntArray,
-    options: tuple[RecognitionOptions, MatchingOptions, float | None, float],
-    progress: Progress,
-    num_threads: int,
-) -> list[StageResult]:
-    """Every stage by itself, several at a time."""
-    recognition, matching, diameter_mm, thickness_mm = options
-    triangulator = Triangulator(rig)
-    field = CalibrationField(triangulator)
-
-    def work(index: int) -> StageResult:
-        targets = [read_and_recognize(source, index, recognition) for source in sources.values()]
-        return measure_stage(triangulator, targets, matching, field, diameter_mm, thickness_mm)
-
-    results: list[StageResult] = []
-    for result in map_bounded(work, (stage - 1).tolist(), num_threads):
-        results.append(result)
-        progress(len(results), len(stage), "measuring")
-    refuse_senseless(results)
-    return results
+    return _measure_in_memory(job, progress, num_threads)
 
 
 def measure_project(
@@ -165,40 +166,194 @@ def measure_project(
     ----------
     project : as ``read_project`` gives it.
     rig : the calibrated cameras; None: rig.json beside the project.
-    progress : told about each stage.
-    num_threads : stages at a time; 0 = one a core.
+    progress : told about the stages done.
+    num_threads : chunks at a time; 0 = one a core.
 
     Raises
     ------
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
+    return _measure_in_memory(_job_of(project, rig), progress, num_threads)
+
+
+def measure_to_file(
+    project: Project,
+    *,
+    rig: RigData | None = None,
+    progress: Progress = silent,
+    num_threads: int = 0,
+) -> StageTable:
+    """Measure a project into its measurement.h5, with bounded memory, and resume.
+
+    Every chunk of stages that is done is kept in the folder measurement.parts beside the
+    project until the file is whole. A measurement that was interrupted goes on
+    after the last chunk kept, with the same result, byte for byte; where
+    pictures, rig or options have changed it begins anew.
+
+    Returns
+    -------
+    StageTable
+        What the stages say in short, and the warnings.
+
+    Raises
+    ------
+    ProjectFileError, SequenceError, MeasurementError
+        Naming file or picture, and what to do.
+    """
+    job = _job_of(project, rig)
+    models = learn_models(job.sources, job.options.recognition, job.stages)
+    digest = fingerprint(job.rig, job.options, models, _file_states(job.inputs))
+    store = FolderStore(project.folder / PARTS_FOLDER, digest)
+    linked = _measure_chunks(job, store, models, progress, num_threads)
+    plan = _motion_plan(job, store, linked)
+    layout = MeasurementLayout(
+        stage=linked.totals.stage,
+        point_id=linked.point_id,
+        camera_names=job.camera_names,
+        num_targets=linked.num_targets,
+        reference_stage=int(plan.reference.stage[0]),
+        centroid_points=plan.centroid_points,
+        image_name=_image_names(job),
+        frame_rate_hz=job.frame_rate_hz,
+        provenance=_provenance(job, linked),
+        warnings=_warnings(job, linked),
+        flag_meanings=_MEANINGS,
+    )
+    table = StageTable(linked.totals, layout.warnings)
+    with open_measurement_writer(project.measurement_path, layout) as writer:
+        _assemble(job, store, linked, plan, TeeSink(writer, table))
+    store.remove()
+    return table
+
+
+def _measure_in_memory(job: MeasureJob, progress: Progress, num_threads: int) -> Measurement:
+    store = MemoryStore()
+    models = learn_models(job.sources, job.options.recognition, job.stages)
+    linked = _measure_chunks(job, store, models, progress, num_threads)
+    plan = _motion_plan(job, store, linked)
+    sink = ArraySink(linked, plan, job.camera_names)
+    _assemble(job, store, linked, plan, sink)
+    return Measurement(
+        trajectories=sink.trajectories,
+        motion=sink.motion,
+        targets=sink.records,
+        image_name=_image_names(job),
+        frame_rate_hz=job.frame_rate_hz,
+        provenance=_provenance(job, linked),
+        warnings=_warnings(job, linked),
+        flag_meanings=_MEANINGS,
+    )
+
+
+def _measure_chunks(
+    job: MeasureJob,
+    store: ChunkStore,
+    models: Mapping[str, CameraModel | None],
+    progress: Progress,
+    num_threads: int,
+) -> Linked:
+    """Measures what the store does not have, and gives all points their numbers."""
+    chunks = chunks_of(*job.stages)
+    missing = store.missing(chunks)
+    total = job.stages[1] - job.stages[0] + 1
+    done = total - sum(last - first + 1 for first, last in missing)
+    worker = ChunkWorker(job.rig, job.sources, job.options, models)
+
+    def work(chunk: Chunk) -> int:
+        store.put(chunk, worker(*chunk))
+        return chunk[1] - chunk[0] + 1
+
+    for count in map_bounded(work, missing, num_threads):
+        done += count
+        progress(done, total, "measuring")
+    linked = link_chunks(store, chunks, first_free_id(job.options.recognition))
+    refuse_senseless(linked.totals)
+    if not len(linked.point_id):
+        raise MeasurementError(nothing_measured(linked.totals, job.options.diameter_mm))
+    return linked
+
+
+def _motion_plan(job: MeasureJob, store: ChunkStore, linked: Linked) -> MotionPlan:
+    return plan_of_chunks(store, chunks_of(*job.stages), linked, job.camera_names, job.motion)
+
+
+def _assemble(
+    job: MeasureJob, store: ChunkStore, linked: Linked, plan: MotionPlan, sink: Sink
+) -> None:
+    builder = TrajectoryBuilder(linked, job.frame_rate_hz, job.camera_names)
+    assemble(store, chunks_of(*job.stages), linked, plan, builder, sink)
+
+
+def _provenance(job: MeasureJob, linked: Linked) -> dict[str, Any]:
+    options = {
+        "stages": list(job.stages),
+        "recognition": job.options.recognition,
+        "full_every": job.options.full_every,
+        "matching": job.options.matching,
+        "motion": job.motion,
+        "diameter_mm": job.options.diameter_mm,
+        "thickness_mm": job.options.thickness_mm,
+        "eccentricity": linked.totals.circles(),
+        "rig": job.rig.how,
+    }
+    return provenance(options, job.inputs, job.folder)
+
+
+def _warnings(job: MeasureJob, linked: Linked) -> tuple[str, ...]:
+    said = stage_warnings(linked.totals, job.camera_names, job.options.diameter_mm)
+    return (*job.warnings, *said)
+
+
+def _image_names(job: MeasureJob) -> tuple[tuple[str, ...], ...]:
+    first, last = job.stages
+    return tuple(
+        tuple(source.name(i) for i in range(first - 1, last)) for source in job.sources.values()
+    )
+
+
+def _file_states(paths: Sequence[str | os.PathLike[str]]) -> list[tuple[str, int, int]]:
+    """Name, size and time of change: what tells that a file is another one now."""
+    states = [(os.fspath(path), os.stat(path)) for path in paths]
+    return [(name, state.st_size, state.st_mtime_ns) for name, state in states]
+
+
+def _job_of(project: Project, rig: RigData | None) -> MeasureJob:
+    """The work that a project describes."""
     refuse_filter(project)
     if rig is None:
         rig = read_project_rig(project)
     sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
     stages = _stage_range(project, check_same_length(sources))
     rate, warnings = _frame_rate(project, sources)
-    warnings += not_applied_yet(project)
-    recognition = recognition_options(project.targets)
-    measurement = measure_frames(
-        rig,
-        sources,
-        frame_rate_hz=rate,
+    targets = project.targets
+    _check_numbers(targets.diameter_mm, targets.thickness_mm, targets.full_every)
+    return MeasureJob(
+        rig=_rig_in_order(rig, sources),
+        sources=sources,
         stages=stages,
-        recognition=recognition,
+        options=ChunkOptions(
+            recognition=recognition_options(targets),
+            matching=MatchingOptions(),
+            full_every=targets.full_every,
+            diameter_mm=targets.diameter_mm,
+            thickness_mm=targets.thickness_mm,
+        ),
         motion=MotionOptions(reference_stage=reference_stage(project, stages)),
-        diameter_mm=project.targets.diameter_mm,
-        thickness_mm=project.targets.thickness_mm,
-        progress=progress,
-        num_threads=num_threads,
+        frame_rate_hz=rate,
+        inputs=tuple(_inputs(project, sources)),
+        folder=project.folder,
+        warnings=tuple(warnings + not_applied_yet(project)),
     )
-    origin = provenance(
-        measurement.provenance["options"], _inputs(project, sources), project.folder
-    )
-    return dataclasses.replace(
-        measurement, provenance=origin, warnings=(*warnings, *measurement.warnings)
-    )
+
+
+def _check_numbers(diameter_mm: float | None, thickness_mm: float, full_every: int) -> None:
+    if diameter_mm is not None and not (np.isfinite(diameter_mm) and diameter_mm > 0):
+        raise ValueError(f"diameter_mm: expected a positive length, got {diameter_mm}")
+    if not (np.isfinite(thickness_mm) and thickness_mm >= 0):
+        raise ValueError(f"thickness_mm: expected 0 or more, got {thickness_mm}")
+    if full_every < 1:
+        raise ValueError(f"full_every: expected 1 or more, got {full_every}")
 
 
 def first_free_id(recognition: RecognitionOptions) -> int:

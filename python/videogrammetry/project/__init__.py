@@ -12,7 +12,13 @@ from videogrammetry.project.atomic import (
     write_text,
 )
 from videogrammetry.project.csv_table import format_csv, read_csv, write_csv
-from videogrammetry.project.measurement_file import read_measurement, write_measurement
+from videogrammetry.project.measurement_file import (
+    MeasurementLayout,
+    MeasurementWriter,
+    open_measurement_writer,
+    read_measurement,
+    write_measurement,
+)
 from videogrammetry.project.plan_file import PlanFile, PlanTarget, read_plan
 from videogrammetry.project.provenance import plain, provenance, sha256_of
 from videogrammetry.project.result_tables import (
@@ -56,6 +62,8 @@ __all__ = [
     "CalibrationSection",
     "CameraSection",
     "InterfaceSection",
+    "MeasurementLayout",
+    "MeasurementWriter",
     "MotionSection",
     "MotionTable",
     "PlanFile",
@@ -74,6 +82,7 @@ __all__ = [
     "format_motion",
     "format_targets",
     "format_trajectories",
+    "open_measurement_writer",
     "plain",
     "provenance",
     "read_csv",

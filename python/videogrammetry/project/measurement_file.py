@@ -8,9 +8,11 @@ targets seen on one ragged axis (target), sorted by stage and camera.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,15 @@ import numpy as np
 
 from videogrammetry.errors import ProjectFileError
 from videogrammetry.project.atomic import atomic_path
-from videogrammetry.types import COV6_ORDER, Measurement, Motion, TargetRecords, Trajectories
+from videogrammetry.types import (
+    COV6_ORDER,
+    POINT_FLAGS,
+    IntArray,
+    Measurement,
+    Motion,
+    TargetRecords,
+    Trajectories,
+)
 
 #: The version of the file's layout that this program writes and reads.
 SCHEMA = 1
@@ -38,6 +48,7 @@ _TRAJECTORIES: Mapping[str, tuple[tuple[str, ...], str]] = {
     "cov_image_mm2": (_PER_POINT_COV, "mm^2"),
     "cameras_used": (("stage", "point", "camera"), "1"),
     "rms_px": (("stage", "point"), "px"),
+    "flags": (("stage", "point"), "1"),
 }
 _MOTION: Mapping[str, tuple[tuple[str, ...], str]] = {
     "step_mm": (_PER_POINT, "mm"),
@@ -68,53 +79,175 @@ _TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
 }
 
 
-def write_measurement(path: str | os.PathLike[str], measurement: Measurement) -> None:
-    """Writes a measurement, whole or not at all."""
-    with atomic_path(path) as beside, h5py.File(beside, "w", track_order=True) as file:
+#: Points of a block of the file, and stages: blocks without a measured point take no room.
+_BLOCK = (100, 64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasurementLayout:
+    """What is known of a measurement before its series are written.
+
+    Attributes
+    ----------
+    stage : (S,). point_id : (P,). camera_names : (C,). num_targets : over all stages.
+    reference_stage, centroid_points : of the motion.
+    image_name, frame_rate_hz, provenance, warnings, flag_meanings : as in ``Measurement``.
+    """
+
+    stage: IntArray
+    point_id: IntArray
+    camera_names: tuple[str, ...]
+    num_targets: int
+    reference_stage: int
+    centroid_points: IntArray
+    image_name: Sequence[Sequence[str]]
+    frame_rate_hz: float | None
+    provenance: Mapping[str, Any]
+    warnings: Sequence[str]
+    flag_meanings: Mapping[str, tuple[str, ...]]
+
+
+class MeasurementWriter:
+    """Writes a measurement part by part, so that it need not fit into memory."""
+
+    def __init__(self, file: h5py.File, layout: MeasurementLayout) -> None:
+        self._file, self._layout = file, layout
+        self._open: dict[str, h5py.Dataset] = {}
         file.attrs["kind"] = _KIND
         file.attrs["schema"] = SCHEMA
         file.attrs["Conventions"] = "CF-1.10"
-        file.attrs["provenance"] = json.dumps(measurement.provenance)
-        file.attrs["warnings"] = json.dumps(list(measurement.warnings))
-        file.attrs["reference_stage"] = measurement.motion.reference_stage
-        if measurement.frame_rate_hz is not None:
-            file.attrs["frame_rate_hz"] = measurement.frame_rate_hz
-        _write_scales(file, measurement)
-        _write_group(file, "", measurement.trajectories, _TRAJECTORIES)
-        _write_group(file, "", measurement.motion, _MOTION)
-        _write_group(file, "target_", measurement.targets, _TARGETS)
-        for name, meanings in measurement.flag_meanings.items():
-            attributes = file["target_" + name].attrs  # CF conventions, section 3.5
+        file.attrs["provenance"] = json.dumps(layout.provenance)
+        file.attrs["warnings"] = json.dumps(list(layout.warnings))
+        file.attrs["reference_stage"] = layout.reference_stage
+        if layout.frame_rate_hz is not None:
+            file.attrs["frame_rate_hz"] = layout.frame_rate_hz
+        self._write_scales()
+        for prefix, names in (("", _TRAJECTORIES), ("", _MOTION), ("target_", _TARGETS)):
+            for name, (dimensions, units) in names.items():
+                self._create(prefix + name, _DTYPES.get(name, np.float64), dimensions, units)
+        self._explain()
+
+    def points(self, row: int, columns: IntArray, part: Trajectories, motion: Motion) -> None:
+        """Stages from ``row`` on, of the points at ``columns``; the others were not measured."""
+        rows = slice(row, row + len(part.stage))
+        for name, (dimensions, _) in (*_TRAJECTORIES.items(), *_MOTION.items()):
+            values = getattr(part if name in _TRAJECTORIES else motion, name)
+            if dimensions[:2] == ("stage", "point"):
+                self._write_columns(name, rows, columns, values)
+            else:
+                self._open[name][rows] = values
+
+    def targets(self, row: int, part: TargetRecords) -> None:
+        """Targets from ``row`` on."""
+        for name in _TARGETS:
+            self._open["target_" + name][row : row + len(part)] = getattr(part, name)
+
+    def _write_columns(self, name: str, rows: slice, columns: IntArray, values: Any) -> None:
+        dataset = self._open[name]
+        block = columns // _BLOCK[1]
+        ends = np.flatnonzero(np.diff(block)) + 1
+        for part in np.split(np.arange(len(columns)), ends):
+            if not len(part):
+                continue
+            begin = int(block[part[0]]) * _BLOCK[1]
+            end = min(begin + _BLOCK[1], dataset.shape[1])
+            shape = (values.shape[0], end - begin, *values.shape[2:])
+            whole = np.full(shape, dataset.fillvalue, dataset.dtype)
+            whole[:, columns[part] - begin] = values[:, part]
+            dataset[rows, begin:end] = whole
+
+    def _create(self, name: str, dtype: Any, dimensions: tuple[str, ...], units: str) -> None:
+        shape = tuple(len(self._file[d]) for d in dimensions)
+        options: dict[str, Any] = {}
+        if dimensions[:2] == ("stage", "point") and 0 not in shape:
+            sizes = (min(_BLOCK[0], shape[0]), min(_BLOCK[1], shape[1]))
+            options["chunks"] = (*sizes, *shape[2:])
+        elif shape[0] > _BLOCK[0]:
+            options["chunks"] = (min(4096, shape[0]), *shape[1:])
+        if np.dtype(dtype).kind != "f" and "chunks" in options:
+            # Small numbers that repeat; noise of floating-point numbers is not worth the time.
+            options |= {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+        fill = np.nan if np.dtype(dtype).kind == "f" else 0
+        dataset = self._file.create_dataset(name, shape, dtype, fillvalue=fill, **options)
+        dataset.attrs["units"] = units
+        _attach(self._file, dataset, dimensions)
+        self._open[name] = dataset
+
+    def _write_scales(self) -> None:
+        file, layout = self._file, self._layout
+        text = h5py.string_dtype()
+        scales: dict[str, Any] = {
+            "stage": layout.stage,
+            "point": np.arange(len(layout.point_id), dtype=np.int32),
+            "axis": np.array(["x", "y", "z"], dtype=object),
+            "cov": np.array(COV6_ORDER, dtype=object),
+            "camera": np.array(layout.camera_names, dtype=object),
+            "xy": np.array(["x", "y"], dtype=object),
+            "target": np.arange(layout.num_targets, dtype=np.int32),
+            "centroid": np.arange(len(layout.centroid_points), dtype=np.int32),
+        }
+        for name, values in scales.items():
+            dtype = text if values.dtype == object else values.dtype
+            file.create_dataset(name, data=values, dtype=dtype).make_scale(name)
+        _write(file, "point_id", layout.point_id, ("point",), "1")
+        _write(file, "centroid_point_id", layout.centroid_points, ("centroid",), "1")
+        names = np.array(layout.image_name, dtype=object)
+        _attach(file, file.create_dataset("image_name", data=names, dtype=text), _FRAME)
+
+    def _explain(self) -> None:
+        for name, meanings in self._layout.flag_meanings.items():
+            attributes = self._file["target_" + name].attrs  # CF conventions, section 3.5
             attributes["flag_values"] = np.arange(len(meanings), dtype=np.uint8)
             attributes["flag_meanings"] = " ".join(m.replace(" ", "_") for m in meanings)
+        attributes = self._file["flags"].attrs
+        attributes["flag_masks"] = 1 << np.arange(len(POINT_FLAGS), dtype=np.uint8)
+        attributes["flag_meanings"] = " ".join(POINT_FLAGS)
         for name in (n for n in _MOTION if "_cov_" in n and n != "centroid_cov_mm2"):
-            file[name].attrs["comment"] = "from the image noise; the calibration is common to both"
-        _write(file, "centroid_point_id", measurement.motion.centroid_points, ("centroid",), "1")
-        names = np.array(measurement.image_name, dtype=object)
-        text = h5py.string_dtype()
-        _attach(file, file.create_dataset("image_name", data=names, dtype=text), _FRAME)
+            attributes = self._file[name].attrs
+            attributes["comment"] = "from the image noise; the calibration is common to both"
 
 
 _FRAME = ("camera", "stage")
+_DTYPES = {
+    "stage": np.int32,
+    "camera": np.int32,
+    "code_id": np.int32,
+    "point_id": np.int32,
+    "cameras_used": np.uint8,
+    "flags": np.uint8,
+    "match_status": np.uint8,
+    "ring_status": np.uint8,
+}
 
 
-def _write_scales(file: h5py.File, measurement: Measurement) -> None:
-    table = measurement.trajectories
-    text = h5py.string_dtype()
-    scales: dict[str, Any] = {
-        "stage": table.stage,
-        "point": np.arange(len(table.point_id), dtype=np.int32),
-        "axis": np.array(["x", "y", "z"], dtype=object),
-        "cov": np.array(COV6_ORDER, dtype=object),
-        "camera": np.array(table.camera_names, dtype=object),
-        "xy": np.array(["x", "y"], dtype=object),
-        "target": np.arange(len(measurement.targets), dtype=np.int32),
-        "centroid": np.arange(len(measurement.motion.centroid_points), dtype=np.int32),
-    }
-    for name, values in scales.items():
-        dtype = text if values.dtype == object else values.dtype
-        file.create_dataset(name, data=values, dtype=dtype).make_scale(name)
-    _write(file, "point_id", table.point_id, ("point",), "1")
+@contextlib.contextmanager
+def open_measurement_writer(
+    path: str | os.PathLike[str], layout: MeasurementLayout
+) -> Iterator[MeasurementWriter]:
+    """A writer of a file that is whole when the block ends well, else not there."""
+    with atomic_path(path) as beside, h5py.File(beside, "w", track_order=True) as file:
+        yield MeasurementWriter(file, layout)
+
+
+def write_measurement(path: str | os.PathLike[str], measurement: Measurement) -> None:
+    """Writes a measurement, whole or not at all."""
+    table, motion = measurement.trajectories, measurement.motion
+    layout = MeasurementLayout(
+        stage=table.stage,
+        point_id=table.point_id,
+        camera_names=table.camera_names,
+        num_targets=len(measurement.targets),
+        reference_stage=motion.reference_stage,
+        centroid_points=motion.centroid_points,
+        image_name=measurement.image_name,
+        frame_rate_hz=measurement.frame_rate_hz,
+        provenance=measurement.provenance,
+        warnings=measurement.warnings,
+        flag_meanings=measurement.flag_meanings,
+    )
+    with open_measurement_writer(path, layout) as writer:
+        writer.points(0, np.arange(len(table.point_id), dtype=np.int32), table, motion)
+        writer.targets(0, measurement.targets)
 
 
 def _attach(file: h5py.File, dataset: h5py.Dataset, dimensions: tuple[str, ...]) -> None:
@@ -125,20 +258,9 @@ def _attach(file: h5py.File, dataset: h5py.Dataset, dimensions: tuple[str, ...])
 def _write(
     file: h5py.File, name: str, values: Any, dimensions: tuple[str, ...], units: str
 ) -> None:
-    array = np.asarray(values)
-    if array.dtype == bool:
-        array = array.astype(np.uint8)
-    options = {"compression": "gzip", "shuffle": True} if array.size > 4096 else {}
-    dataset = file.create_dataset(name, data=array, **options)
+    dataset = file.create_dataset(name, data=np.asarray(values))
     dataset.attrs["units"] = units
     _attach(file, dataset, dimensions)
-
-
-def _write_group(
-    file: h5py.File, prefix: str, record: Any, layout: Mapping[str, tuple[tuple[str, ...], str]]
-) -> None:
-    for name, (dimensions, units) in layout.items():
-        _write(file, prefix + name, getattr(record, name), dimensions, units)
 
 
 def read_measurement(path: str | os.PathLike[str]) -> Measurement:
@@ -186,7 +308,8 @@ def _read(file: h5py.File) -> Measurement:
     def strings(name: str) -> Any:
         return file[name].asstr()[()]
 
-    trajectories = {name: file[name][()] for name in _TRAJECTORIES}
+    # Files of before there were flags have none.
+    trajectories = {name: file[name][()] for name in _TRAJECTORIES if name in file}
     trajectories["cameras_used"] = trajectories["cameras_used"].astype(bool)
     rate = file.attrs.get("frame_rate_hz")
     return Measurement(

@@ -120,7 +120,9 @@ class TargetsSection:
     ``diameter_mm`` the circle's diameter: ``measure`` leaves out what has another
     size, and corrects the ellipses' centres to those of the circles;
     ``thickness_mm`` a sticker's height over the surface. ``estimator`` is how a
-    dot that was found is measured, see ``recognition.RecognitionOptions``.
+    dot that was found is measured, see ``recognition.RecognitionOptions``. Of a
+    sequence targets are followed from frame to frame; every ``full_every`` frames
+    the whole one is searched (1: every one).
     """
 
     codes: str = "schneider-14"
@@ -131,6 +133,7 @@ class TargetsSection:
     estimator: str = "auto"
     diameter_mm: float | None = None
     thickness_mm: float = 0.0
+    full_every: int = 25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -434,6 +437,7 @@ def _targets(table: TomlTable, folder: Path) -> TargetsSection:
         estimator=table.choice("estimator", ESTIMATORS, default.estimator),
         diameter_mm=table.number("diameter_mm", None, above=0),
         thickness_mm=thickness_mm,
+        full_every=table.integer("full_every", default.full_every, minimum=1),
     )
     table.finish()
     return section

@@ -53,12 +53,12 @@ def match(used, code):
 def test_a_pair_on_one_side_stays(used):
     rig, targets = stage([7, 7, 7, 7])
     matches = match(used, 7)
-    assert check_facing(rig, targets, matches) is matches
+    assert check_facing(rig, targets, [t.unique_id for t in targets], matches) is matches
 
 
 def test_the_other_side_is_taken_away_and_its_code_with_it():
     rig, targets = stage([-1, -1, -1, 7])
-    left = check_facing(rig, targets, match([1, 1, 0, 1], 7))
+    left = check_facing(rig, targets, [t.unique_id for t in targets], match([1, 1, 0, 1], 7))
     assert left.target.tolist() == [[0, 0, -1, -1]]
     assert left.id.tolist() == [-1]
     assert TARGET_STATUS[left.status[3][0]] == "no partner"
@@ -66,11 +66,11 @@ def test_the_other_side_is_taken_away_and_its_code_with_it():
 
 def test_two_opposite_cameras_have_no_point():
     rig, targets = stage([7, -1, 7, -1])
-    left = check_facing(rig, targets, match([1, 0, 1, 0], 7))
+    left = check_facing(rig, targets, [t.unique_id for t in targets], match([1, 0, 1, 0], 7))
     assert len(left) == 0
 
 
 def test_what_has_no_code_may_be_a_ball():
     rig, targets = stage([-1, -1, -1, -1], ratio=1.0)
     matches = match([1, 1, 1, 1], -1)
-    assert check_facing(rig, targets, matches) is matches
+    assert check_facing(rig, targets, [t.unique_id for t in targets], matches) is matches

@@ -11,8 +11,10 @@ from two_pairs import NAMES, two_pair_rig
 from videogrammetry.errors import MeasurementError
 from videogrammetry.geometry import project
 from videogrammetry.matching import TARGET_STATUS
-from videogrammetry.pipeline.stages import (
-    measure_stage,
+from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
+from videogrammetry.pipeline.chunk_record import CalibratedVolume, make_record
+from videogrammetry.pipeline.totals import (
+    Totals,
     nothing_measured,
     refuse_senseless,
     stage_warnings,
@@ -51,6 +53,18 @@ def stage(sizes, diameter_mm=DIAMETER_MM, rig=RIG):
     return measure_stage(Triangulator(rig), targets, diameter_mm=diameter_mm)
 
 
+def measure_stage(triangulator, targets, **options):
+    cameras = [CameraTargets.of_stages([t]) for t in targets]
+    return measure_targets(triangulator, cameras, **options)
+
+
+def totals_of(results) -> Totals:
+    totals = Totals()
+    for number, result in enumerate(results, start=1):
+        totals.add(make_record(result, np.array([number]), CalibratedVolume(RIG)))
+    return totals
+
+
 def status(result, camera):
     return [TARGET_STATUS[s] for s in result.matches.status[camera]]
 
@@ -62,7 +76,7 @@ def test_right_sizes_stay() -> None:
         assert len(result.points) == 12
         assert result.size.num_checked == 48
         assert len(result.size.measured_mm) == 0
-        assert stage_warnings([result], np.array([1]), NAMES, DIAMETER_MM) == []
+        assert stage_warnings(totals_of([result]), NAMES, DIAMETER_MM) == []
 
 
 def test_one_sighting_of_another_size_leaves_the_other_cameras() -> None:
@@ -123,7 +137,7 @@ def test_far_off_the_axis_a_circle_may_look_larger() -> None:
 def test_a_wrong_diameter_is_named_with_the_right_one() -> None:
     result = stage([DIAMETER_MM] * 4, diameter_mm=60.0)
     assert len(result.points) == 0
-    said = nothing_measured([result], 60.0)
+    said = nothing_measured(totals_of([result]), 60.0)
     assert "diameter_mm = 60" in said
     assert "48 of 48" in said
     assert "theirs is 40 mm; correct diameter_mm" in said
@@ -133,7 +147,7 @@ def test_many_of_another_size_are_a_warning_few_are_none() -> None:
     for wrong, warned in ((2, False), (5, True)):
         sizes = np.full(12, DIAMETER_MM)
         sizes[:wrong] = 25.0
-        said = stage_warnings([stage([sizes] * 4)], np.array([1]), NAMES, DIAMETER_MM)
+        said = stage_warnings(totals_of([stage([sizes] * 4)]), NAMES, DIAMETER_MM)
         assert len(said) == warned
         if warned:
             assert "20 of 48" in said[0]
@@ -155,19 +169,19 @@ def empty(stages_of_camera) -> list:
 
 
 def test_an_empty_picture_is_named() -> None:
-    said = stage_warnings(empty({2: (2,)}), np.array([1, 2, 3]), NAMES)
+    said = stage_warnings(totals_of(empty({2: (2,)})), NAMES)
     assert len(said) == 1
     assert said[0].startswith("camera 'cam3': no target at all at 1 of 3 stages (2)")
 
 
 def test_a_camera_that_never_sees_anything_is_named() -> None:
-    said = stage_warnings(empty({1: (1, 2, 3)}), np.array([1, 2, 3]), NAMES)
+    said = stage_warnings(totals_of(empty({1: (1, 2, 3)})), NAMES)
     assert len(said) == 1
     assert said[0].startswith("camera 'cam2': no target at all at any of the 3 stages")
 
 
 def test_full_pictures_are_no_warning() -> None:
-    assert stage_warnings(empty({}), np.array([1, 2, 3]), NAMES) == []
+    assert stage_warnings(totals_of(empty({})), NAMES) == []
 
 
 def swapped(pairs):
@@ -190,8 +204,8 @@ def sighted_of(camera: int, points) -> Targets:
 
 
 def test_a_swapped_pair_is_named_though_the_other_is_right() -> None:
-    assert stage_warnings([swapped([])] * 3, np.array([1, 2, 3]), NAMES) == []
-    said = stage_warnings([swapped([(0, 1)])] * 3, np.array([1, 2, 3]), NAMES)
+    assert stage_warnings(totals_of([swapped([])] * 3), NAMES) == []
+    said = stage_warnings(totals_of([swapped([(0, 1)])] * 3), NAMES)
     assert len(said) == 1
     assert "'cam1' (36 of 36), 'cam2' (36 of 36)" in said[0]
     assert "another order" in said[0]
@@ -199,7 +213,7 @@ def test_a_swapped_pair_is_named_though_the_other_is_right() -> None:
 
 def test_cameras_all_swapped_are_refused() -> None:
     with pytest.raises(MeasurementError, match="of 48 coded targets"):
-        refuse_senseless([swapped([(0, 1), (2, 3)])])
+        refuse_senseless(totals_of([swapped([(0, 1), (2, 3)])]))
 
 
 def test_stickers_are_taken_off_along_their_normals() -> None:
@@ -233,7 +247,7 @@ def test_what_has_no_ellipse_is_counted() -> None:
     for t in targets:
         t.cov[:, 4, 4] = t.cov[:, 3, 3] = np.nan
     result = measure_stage(Triangulator(RIG), targets, diameter_mm=DIAMETER_MM)
-    said = stage_warnings([result], np.array([1]), NAMES, DIAMETER_MM)
+    said = stage_warnings(totals_of([result]), NAMES, DIAMETER_MM)
     assert [w for w in said if "12 of 12 positions are not corrected" in w]
     lost = measure_stage(Triangulator(RIG), targets, thickness_mm=1.0)
     assert len(lost.points) == 0

@@ -1,0 +1,175 @@
+"""Some stages at once: from the targets of all cameras to points with covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from videogrammetry.matching import MatchingOptions, image_covariance, match_stage
+from videogrammetry.pipeline.circle_size import SizeCheck, check_size
+from videogrammetry.pipeline.eccentricity import possible_eccentricity
+from videogrammetry.pipeline.facing import check_facing
+from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
+from videogrammetry.types import FloatArray, IntArray, Matches, RigData, StagePoints, Targets
+
+Offsets = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CameraTargets:
+    """The targets of one camera over the stages of a chunk.
+
+    ``offsets`` (S + 1,): those of the s-th stage stand at offsets[s] to offsets[s + 1].
+    """
+
+    targets: Targets
+    offsets: Offsets
+
+    @classmethod
+    def of_stages(cls, stages: Sequence[Targets]) -> CameraTargets:
+        """Of the targets of one or more stages."""
+        joined = {
+            name: np.concatenate([getattr(targets, name) for targets in stages])
+            for name in Targets.__dataclass_fields__
+        }
+        offsets = np.concatenate([[0], np.cumsum([len(targets) for targets in stages])])
+        return cls(Targets(**joined), offsets.astype(np.int64))
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, stage: int) -> Targets:
+        """The targets of one stage, by its place in the chunk."""
+        return self.targets.select(slice(self.offsets[stage], self.offsets[stage + 1]))
+
+    @cached_property
+    def stage(self) -> IntArray:
+        """(N,) the stage's place in the chunk of every target."""
+        return np.repeat(np.arange(len(self), dtype=np.int32), np.diff(self.offsets))
+
+    @cached_property
+    def unique_id(self) -> IntArray:
+        """(N,) code numbers, -1 also where a picture has the same number at several places."""
+        code = self.targets.id
+        _, inverse, count = np.unique(
+            (self.stage.astype(np.int64) << 32) + code,
+            return_inverse=True,
+            return_counts=True,
+        )
+        return np.where(count[inverse] > 1, np.int32(-1), code).astype(np.int32)
+
+    def stage_of(self, index: IntArray) -> IntArray:
+        """The stage's place in the chunk of targets by their index."""
+        return self.stage[index]
+
+
+@dataclass(frozen=True)
+class ChunkResult:
+    """Some stages: what was seen, matched and reconstructed.
+
+    ``matches`` and ``points`` count the targets of a camera over all stages.
+    ``size`` where it was looked at; ``without_normal``: matches left out because a
+    thickness was to be taken off and no ellipse said a normal.
+    """
+
+    cameras: tuple[CameraTargets, ...]
+    matches: Matches
+    points: StagePoints
+    size: SizeCheck | None = None
+    without_normal: int = 0
+
+    @property
+    def point_stage(self) -> IntArray:
+        """(P,) the stage's place in the chunk of every point, ascending."""
+        return stages_of(self.cameras, self.points.target)
+
+
+def stages_of(cameras: Sequence[CameraTargets], target: IntArray) -> IntArray:
+    """(P,) the stage's place of rows (P, C) of target indices, -1 = not seen."""
+    stage = np.full(len(target), -1, dtype=np.int32)
+    for c, camera in enumerate(cameras):
+        seen = target[:, c] >= 0
+        stage[seen] = camera.stage_of(target[seen, c])
+    return stage
+
+
+def measure_targets(
+    triangulator: Triangulator,
+    cameras: Sequence[CameraTargets],
+    options: MatchingOptions | None = None,
+    field: CalibrationField | None = None,
+    diameter_mm: float | None = None,
+    thickness_mm: float = 0.0,
+) -> ChunkResult:
+    """Match and reconstruct the targets of some stages, in order.
+
+    With ``diameter_mm``, sightings of another size than circles of that
+    diameter have at their place are left out: sectors of a ring whose dot is
+    hidden, dots hidden in part; and points are the circles' centres, which are not
+    where the ellipses' centres say. With ``thickness_mm`` they move by that much
+    from the stickers' surface into the object.
+    """
+    rig = triangulator.rig
+    field = field or CalibrationField(triangulator)
+    targets = [camera.targets for camera in cameras]
+    cov = [
+        image_covariance(t, rig.sigma_floor_px.get(name, 0.0))
+        for name, t in zip(rig.cameras, targets, strict=True)
+    ]
+    uncertain = [field.covariance(i, t.centre_px) for i, t in enumerate(targets)]
+    if diameter_mm is not None:
+        uncertain = [
+            extra + possible_eccentricity(camera, t)
+            for extra, camera, t in zip(uncertain, rig.cameras.values(), targets, strict=True)
+        ]
+    matches = _match(rig, cameras, options, uncertain)
+    matches = check_facing(rig, targets, [c.unique_id for c in cameras], matches)
+    centres = [t.centre_px for t in targets]
+    size = None
+    if diameter_mm is not None:
+        points = reconstruct_stage(triangulator, matches, centres, cov)
+        size = check_size(rig, targets, matches, points, diameter_mm)
+        matches = size.matches
+    points = reconstruct_stage(
+        triangulator, matches, centres, cov, targets, diameter_mm, thickness_mm
+    )
+    lost = 0
+    if thickness_mm != 0:
+        plain = reconstruct_stage(triangulator, matches, centres, cov)
+        lost = max(len(plain) - len(points), 0)
+    return ChunkResult(tuple(cameras), matches, points, size, lost)
+
+
+def _match(
+    rig: RigData,
+    cameras: Sequence[CameraTargets],
+    options: MatchingOptions | None,
+    extra_cov_px2: Sequence[FloatArray],
+) -> Matches:
+    """Matches of all stages, one after the other, with targets counted over the chunk."""
+    parts = []
+    for s in range(len(cameras[0])):
+        targets = [camera[s] for camera in cameras]
+        extra = [
+            cov[camera.offsets[s] : camera.offsets[s + 1]]
+            for camera, cov in zip(cameras, extra_cov_px2, strict=True)
+        ]
+        found = match_stage(rig, targets, options, extra)
+        first = np.array([camera.offsets[s] for camera in cameras], dtype=np.int32)
+        target = np.where(found.target >= 0, found.target + first, np.int32(-1))
+        parts.append((target.astype(np.int32), found))
+    found_all = [found for _, found in parts]
+    return Matches(
+        target=np.concatenate([np.empty((0, len(cameras)), np.int32), *(t for t, _ in parts)]),
+        id=np.concatenate([np.empty(0, np.int32), *(m.id for m in found_all)]),
+        chi2=np.concatenate([np.empty(0), *(m.chi2 for m in found_all)]),
+        log_odds=np.concatenate([np.empty(0), *(m.log_odds for m in found_all)]),
+        status=tuple(
+            np.concatenate([np.empty(0, np.uint8), *(m.status[c] for m in found_all)])
+            for c in range(len(cameras))
+        ),
+    )

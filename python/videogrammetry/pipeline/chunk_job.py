@@ -1,0 +1,156 @@
+"""The work of a measurement, cut into chunks of stages that know nothing of each other."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from videogrammetry.matching import MatchingOptions
+from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
+from videogrammetry.pipeline.chunk_record import CalibratedVolume, ChunkRecord, make_record
+from videogrammetry.project import plain
+from videogrammetry.recognition import (
+    CameraModel,
+    RecognitionOptions,
+    TargetSequence,
+    TrackedOptions,
+    learn_camera,
+    recognize_sequence,
+)
+from videogrammetry.reconstruction import CalibrationField, Triangulator
+from videogrammetry.types import FrameSource, RigData
+
+#: Stages of a chunk: a second of work at most, a few megabytes of results. Never
+#: changed by the number of threads or workers, because targets are followed within a chunk.
+CHUNK_STAGES = 100
+
+#: The method that follows targets and measures by a camera's model.
+_FOLLOWS = "edge-pair"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChunkOptions:
+    """How stages are measured.
+
+    Attributes
+    ----------
+    recognition, matching : options of these rooms.
+    full_every : targets are followed from frame to frame, and every so many frames of a
+        chunk the whole frame is searched; 1: always.
+    diameter_mm, thickness_mm : of all targets' circles, as in :func:`measure_frames`.
+    """
+
+    recognition: RecognitionOptions
+    matching: MatchingOptions
+    full_every: int = 25
+    diameter_mm: float | None = None
+    thickness_mm: float = 0.0
+
+
+class ChunkWorker:
+    """Measures chunks of stages; several threads may do so with one worker.
+
+    Parameters
+    ----------
+    rig : the cameras, in the order of ``sources``.
+    sources : camera -> its frames.
+    options : how.
+    models : camera -> what its pictures have in common, :func:`learn_models`.
+    """
+
+    def __init__(
+        self,
+        rig: RigData,
+        sources: Mapping[str, FrameSource],
+        options: ChunkOptions,
+        models: Mapping[str, CameraModel | None],
+    ) -> None:
+        self._sources, self._options, self._models = sources, options, models
+        self._triangulator = Triangulator(rig)
+        self._field = CalibrationField(self._triangulator)
+        self._volume = CalibratedVolume(rig)
+
+    def __call__(self, first: int, last: int) -> ChunkRecord:
+        """The stages ``first`` to ``last``, from 1, inclusive."""
+        found = [self._recognize(name, first, last) for name in self._sources]
+        options = self._options
+        result = measure_targets(
+            self._triangulator,
+            [CameraTargets(sequence.targets, sequence.offsets) for sequence in found],
+            options.matching,
+            self._field,
+            options.diameter_mm,
+            options.thickness_mm,
+        )
+        whole = [np.ones(len(f), bool) if f.full is None else f.full for f in found]
+        stage = np.arange(first, last + 1, dtype=np.int32)
+        return make_record(result, stage, self._volume, np.stack(whole, axis=1))
+
+    def _recognize(self, name: str, first: int, last: int) -> TargetSequence:
+        options = self._options
+        follows = options.recognition.method == _FOLLOWS
+        track = None
+        if follows and options.full_every > 1:
+            track = TrackedOptions(full_every=options.full_every)
+        return recognize_sequence(
+            self._sources[name],
+            options.recognition,
+            camera=(self._models.get(name) or "learn") if follows else None,
+            track=track,
+            first=first - 1,
+            last=last - 1,
+            num_threads=1,
+        )
+
+
+def learn_models(
+    sources: Mapping[str, FrameSource], recognition: RecognitionOptions, stages: tuple[int, int]
+) -> dict[str, CameraModel | None]:
+    """What the pictures of every camera have in common, from a few of all that are measured."""
+    first, last = stages
+    return {
+        name: learn_camera(source, recognition, first=first - 1, last=last - 1)
+        for name, source in sources.items()
+    }
+
+
+def chunks_of(first: int, last: int) -> list[tuple[int, int]]:
+    """First and last stage of every chunk of the stages from ``first`` to ``last``.
+
+    Examples
+    --------
+    >>> chunks_of(3, 210)
+    [(3, 102), (103, 202), (203, 210)]
+    """
+    return [
+        (begin, min(begin + CHUNK_STAGES - 1, last))
+        for begin in range(first, last + 1, CHUNK_STAGES)
+    ]
+
+
+def fingerprint(
+    rig: RigData,
+    options: ChunkOptions,
+    models: Mapping[str, CameraModel | None],
+    files: Sequence[Any],
+) -> str:
+    """A digest of all that a chunk's result depends on: equal ones may share their parts."""
+    digest = hashlib.sha256()
+    told = {
+        "options": plain(options),
+        "models": {n: None if m is None else m.to_dict() for n, m in models.items()},
+        "rig": plain(rig.cameras),
+        "floor": plain(rig.sigma_floor_px),
+        "files": plain(files),
+        "chunk": CHUNK_STAGES,
+    }
+    digest.update(json.dumps(told, sort_keys=True).encode())
+    for array in (rig.cov, rig.volume_mm, rig.volume_seen):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

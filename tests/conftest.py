@@ -14,6 +14,11 @@ DATA = Path(
 ).resolve()
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How often the measurement that must survive it is killed."""
+    parser.addoption("--kills", type=int, default=4, help="kills of a measurement (default 4)")
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of real pictures and measurements."""

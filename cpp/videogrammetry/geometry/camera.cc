@@ -7,6 +7,8 @@ namespace videogrammetry {
 namespace {
 
 constexpr int kMaxNewton = 30;
+/// Of the radius: corrections below this leave no doubt about the branch.
+constexpr double kSureShare = 0.1;
 
 struct Inverse {
   Eigen::Vector2d point_px;  // p with p + d(p) = target
@@ -43,7 +45,7 @@ std::optional<Inverse> Newton(const Camera& camera, const Eigen::Vector2d& targe
 /// approached in steps from the centre, each of which must succeed.
 std::optional<Inverse> InvertDistortion(const Camera& camera, const Eigen::Vector2d& target_px) {
   std::optional<Inverse> direct = Newton(camera, target_px, target_px);
-  const double large = 0.1 * (target_px.norm() + 1.0);
+  const double large = kSureShare * (target_px.norm() + 1.0);
   if (direct && (direct->point_px - target_px).norm() < large) return direct;
 
   constexpr int kSteps = 64;
@@ -59,6 +61,24 @@ std::optional<Inverse> InvertDistortion(const Camera& camera, const Eigen::Vecto
     start = traced->point_px;
   }
   return traced;
+}
+
+/// InvertDistortion where the solution is near `start_px`.
+std::optional<Inverse> InvertNear(const Camera& camera, const Eigen::Vector2d& target_px,
+                                  const Eigen::Vector2d& start_px) {
+  // Newton's next residual is the square of this one times the distortion's
+  // curvature, which is under 1e-2 a pixel wherever a lens has one branch.
+  constexpr double kSettled = 1e-5;
+  constexpr int kSteps = 4;
+  Inverse state{start_px, Eigen::Matrix2d::Identity()};
+  double residual = 0;
+  for (int i = 0; i < kSteps; ++i) {
+    if (!NewtonStep(camera, target_px, &state, &residual)) break;
+    if (residual > kSettled) continue;
+    if ((state.point_px - target_px).norm() < kSureShare * (target_px.norm() + 1.0)) return state;
+    break;
+  }
+  return InvertDistortion(camera, target_px);
 }
 
 }  // namespace
@@ -128,6 +148,34 @@ std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector
     jacobians->by_interior.rightCols<7>() =
         measured ? Eigen::Matrix<double, 2, 7>(-by_ideal * by_parameters) : by_parameters;
   }
+  return Eigen::Vector2d(image + camera.principal_point_px());
+}
+
+std::optional<Eigen::Vector2d> ProjectNear(const Camera& camera,
+                                           const Eigen::Vector3d& point_in_cam,
+                                           const Eigen::Vector2d& near_px,
+                                           Eigen::Matrix<double, 2, 3>* by_point) {
+  const double z = point_in_cam.z();
+  if (!(z > 0)) return std::nullopt;
+  const double scale = camera.f_px() / z;
+  const Eigen::Vector2d ideal = scale * point_in_cam.head<2>();
+  if (!ideal.allFinite()) return std::nullopt;
+  Eigen::Vector2d image;
+  Eigen::Matrix2d by_ideal;
+  if (camera.direction == DistortionDirection::kMeasured) {
+    const auto inverse = InvertNear(camera, ideal, near_px - camera.principal_point_px());
+    if (!inverse) return std::nullopt;
+    image = inverse->point_px;
+    by_ideal = inverse->jacobian.inverse();
+  } else {
+    Eigen::Matrix2d slope;
+    image = ideal + Distortion(camera, ideal, &slope);
+    by_ideal = Eigen::Matrix2d::Identity() + slope;
+    if (!(by_ideal.determinant() > 0)) return std::nullopt;
+  }
+  Eigen::Matrix<double, 2, 3> ideal_by_point;
+  ideal_by_point << scale, 0, -ideal.x() / z, 0, scale, -ideal.y() / z;
+  *by_point = by_ideal * ideal_by_point;
   return Eigen::Vector2d(image + camera.principal_point_px());
 }
 

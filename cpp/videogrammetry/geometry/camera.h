@@ -65,6 +65,13 @@ Eigen::Vector2d Distortion(const Camera& camera, const Eigen::Vector2d& point_px
 std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector3d& point_in_cam,
                                        ProjectionJacobians* jacobians = nullptr);
 
+/// The same where the picture is known to be near `near_px`, with the derivative by the
+/// point alone: the inversion begins there and is done in two steps.
+std::optional<Eigen::Vector2d> ProjectNear(const Camera& camera,
+                                           const Eigen::Vector3d& point_in_cam,
+                                           const Eigen::Vector2d& near_px,
+                                           Eigen::Matrix<double, 2, 3>* by_point);
+
 /// The ideal image point (f X/Z, f Y/Z), from the principal point, of a pixel:
 /// exact in the measured direction, by Newton's method in the ideal one.
 std::optional<Eigen::Vector2d> Undistort(const Camera& camera, const Eigen::Vector2d& pixel);

@@ -12,6 +12,10 @@ namespace {
 constexpr int kMaxIterations = 20;
 // Rays within a microradian of parallel determine no depth at any range used.
 constexpr double kMinConvergenceRad = 1e-6;
+// In sigmas: below the first the point stays where it is, below the second residuals
+// and weights follow from those before the step.
+constexpr double kSmallStep = 1e-6;
+constexpr double kLinearStep = 1e-2;
 
 bool HasWindow(const Rig& rig, std::span<const Sighting> sightings) {
   return std::any_of(sightings.begin(), sightings.end(), [&](const Sighting& s) {
@@ -69,26 +73,46 @@ std::optional<Eigen::Vector3d> Start(const std::vector<Ray>& rays) {
 struct Linearised {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
-  double chi2 = 0.0;
 };
 
-bool Linearise(const Rig& rig, std::span<const Sighting> sightings,
-               const std::vector<Eigen::Matrix2d>& weights, const Eigen::Vector3d& position,
-               Linearised* system, std::vector<Eigen::Vector2d>* residuals) {
+/// What is known of a sighting at the present place of the point.
+struct Ray2d {
+  Eigen::Matrix2d weight;
+  Eigen::Vector2d residual_px;
+  Eigen::Matrix<double, 2, 3> by_point;
+};
+
+bool Linearise(const Rig& rig, std::span<const Sighting> sightings, const Eigen::Vector3d& position,
+               Linearised* system, std::vector<Ray2d>* rays) {
   *system = {};
   for (std::size_t i = 0; i < sightings.size(); ++i) {
-    OrientedJacobians jacobians;
-    const auto pixel =
-        ProjectFromWorld(rig[static_cast<std::size_t>(sightings[i].camera)], position, &jacobians);
+    Ray2d& ray = (*rays)[i];
+    const auto pixel = ProjectFromWorld(rig[static_cast<std::size_t>(sightings[i].camera)],
+                                        position, sightings[i].pixel, &ray.by_point);
     if (!pixel) return false;
-    const Eigen::Vector2d residual = sightings[i].pixel - *pixel;
-    const Eigen::Matrix<double, 3, 2> weighted = jacobians.by_point.transpose() * weights[i];
-    system->normal += weighted * jacobians.by_point;
-    system->right += weighted * residual;
-    system->chi2 += residual.dot(weights[i] * residual);
-    (*residuals)[i] = residual;
+    ray.residual_px = sightings[i].pixel - *pixel;
+    const Eigen::Matrix<double, 3, 2> weighted = ray.by_point.transpose() * ray.weight;
+    system->normal.noalias() += weighted * ray.by_point;
+    system->right.noalias() += weighted * ray.residual_px;
   }
   return true;
+}
+
+/// The point after a step so small that the linearisation holds.
+IntersectionStatus Finish(const Linearised& system, const Eigen::Vector3d& position,
+                          const Eigen::Vector3d& step, const std::vector<Ray2d>& rays,
+                          double convergence_rad, Intersection* result) {
+  result->position_mm = position;
+  result->cov_mm2 = system.normal.inverse();
+  result->convergence_rad = convergence_rad;
+  result->chi2 = 0.0;
+  result->residuals_px.resize(rays.size());
+  for (std::size_t i = 0; i < rays.size(); ++i) {
+    const Eigen::Vector2d residual = rays[i].residual_px - rays[i].by_point * step;
+    result->residuals_px[i] = residual;
+    result->chi2 += residual.dot(rays[i].weight * residual);
+  }
+  return result->cov_mm2.allFinite() ? IntersectionStatus::kOk : IntersectionStatus::kNotConverged;
 }
 
 }  // namespace
@@ -107,32 +131,26 @@ IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings
   }
   if (!start) return IntersectionStatus::kBehindCamera;
   Eigen::Vector3d position = *start;
-  std::vector<Eigen::Matrix2d> weights;
-  for (const Sighting& s : sightings) weights.push_back(s.cov_px2.inverse());
+  thread_local std::vector<Ray2d> lines;  // so that no point costs an allocation
+  lines.resize(sightings.size());
+  for (std::size_t i = 0; i < lines.size(); ++i) lines[i].weight = sightings[i].cov_px2.inverse();
 
   Linearised system;
-  std::vector<Eigen::Vector2d> residuals(sightings.size());
+  double before = 0.0;
   for (int i = 0; i < kMaxIterations; ++i) {
-    if (!Linearise(rig, sightings, weights, position, &system, &residuals)) {
+    if (!Linearise(rig, sightings, position, &system, &lines)) {
       return IntersectionStatus::kBehindCamera;
     }
-    const Eigen::LDLT<Eigen::Matrix3d> solver(system.normal);
-    const Eigen::Vector3d step = solver.solve(system.right);
+    const Eigen::Vector3d step = system.normal.ldlt().solve(system.right);
     if (!step.allFinite()) return IntersectionStatus::kNotConverged;
     position += step;
-    // A step of a millionth of a sigma changes nothing that can be measured.
-    if (step.dot(system.normal * step) < 1e-6 * 1e-6) {
-      if (!Linearise(rig, sightings, weights, position, &system, &residuals)) {
-        return IntersectionStatus::kBehindCamera;
-      }
-      result->position_mm = position;
-      result->cov_mm2 = system.normal.inverse();
-      result->chi2 = system.chi2;
-      result->convergence_rad = convergence;
-      result->residuals_px = std::move(residuals);
-      return result->cov_mm2.allFinite() ? IntersectionStatus::kOk
-                                         : IntersectionStatus::kNotConverged;
+    // A step of a millionth of a sigma changes nothing that can be measured, be it
+    // this one or the next, which is smaller by what this one was than the one before.
+    const double size = std::sqrt(std::max(step.dot(system.normal * step), 0.0));
+    if (size < kSmallStep || (i > 0 && size < kLinearStep && size * size < kSmallStep * before)) {
+      return Finish(system, position, step, lines, convergence, result);
     }
+    before = size;
   }
   return IntersectionStatus::kNotConverged;
 }

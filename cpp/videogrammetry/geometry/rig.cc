@@ -41,6 +41,25 @@ std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
   return pixel;
 }
 
+std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
+                                                const Eigen::Vector3d& point_in_world,
+                                                const Eigen::Vector2d& near_px,
+                                                Eigen::Matrix<double, 2, 3>* by_point) {
+  if (oriented.interface) {
+    OrientedJacobians jacobians;
+    const auto pixel = ProjectFromWorld(oriented, point_in_world, &jacobians);
+    *by_point = jacobians.by_point;
+    return pixel;
+  }
+  const Rigid3& pose = oriented.cam_from_world;
+  Eigen::Matrix<double, 2, 3> by_point_in_cam;
+  const auto pixel =
+      ProjectNear(oriented.camera, pose.rotation * point_in_world + pose.translation_mm, near_px,
+                  &by_point_in_cam);
+  if (pixel) *by_point = by_point_in_cam * pose.rotation;
+  return pixel;
+}
+
 std::optional<Ray> RayFromPixel(const OrientedCamera& oriented, const Eigen::Vector2d& pixel,
                                 Eigen::Matrix<double, 3, 2>* direction_by_pixel,
                                 Eigen::Matrix<double, 3, 2>* origin_by_pixel) {

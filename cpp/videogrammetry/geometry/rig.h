@@ -42,6 +42,13 @@ std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
                                                 const Eigen::Vector3d& point_in_world,
                                                 OrientedJacobians* jacobians = nullptr);
 
+/// The same with the derivative by the point alone, three times as fast. `near_px` is
+/// about where the picture is: the search for it begins there.
+std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
+                                                const Eigen::Vector3d& point_in_world,
+                                                const Eigen::Vector2d& near_px,
+                                                Eigen::Matrix<double, 2, 3>* by_point);
+
 /// The ray of the world frame through a pixel, behind a window the refracted
 /// one; `direction_by_pixel` and `origin_by_pixel` get its derivatives.
 /// @return nullopt as RayThroughPixel, or if the ray misses the window's plane.

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "videogrammetry/core/thread_pool.h"
+#include "videogrammetry/reconstruction/calibration_part.h"
 #include "videogrammetry/reconstruction/circle_intersection.h"
 
 namespace videogrammetry {
@@ -14,8 +15,6 @@ namespace {
 
 using RowMatrix3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-
-using FrameMatrix = Eigen::Matrix<double, 3, 6>;
 
 void CheckArguments(const Rig& rig, const MatchArrays& matches) {
   if (matches.offsets.empty() || matches.offsets.front() != 0 ||
@@ -67,30 +66,6 @@ std::vector<Sighting> SightingsOf(const MatchArrays& matches, std::size_t point)
   return sightings;
 }
 
-// G, the derivative of the point by the parameters of the cameras that see it,
-// side by side in the order of the sightings; see the header.
-bool Gain(const Rig& rig, const std::vector<Sighting>& sightings, const Intersection& point,
-          Eigen::Matrix<double, 3, Eigen::Dynamic>* gain) {
-  gain->resize(3, static_cast<Eigen::Index>(sightings.size()) * kNumCameraParameters);
-  for (std::size_t i = 0; i < sightings.size(); ++i) {
-    const Sighting& s = sightings[i];
-    OrientedJacobians jacobians;
-    if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point.position_mm, &jacobians)) {
-      return false;
-    }
-    gain->middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(i) * kNumCameraParameters) =
-        -point.cov_mm2 * jacobians.by_point.transpose() * s.cov_px2.inverse() * jacobians.by_camera;
-  }
-  return true;
-}
-
-// Displacement of a point by a small rotation and translation of the frame.
-FrameMatrix FrameEffect(const Eigen::Vector3d& x) {
-  FrameMatrix effect;
-  effect << 0, x.z(), -x.y(), 1, 0, 0, -x.z(), 0, x.x(), 0, 1, 0, x.y(), -x.x(), 0, 0, 0, 1;
-  return effect;
-}
-
 // (J^T W J)^-1 of a given point; false if its rays do not determine it.
 bool NoiseCovariance(const Rig& rig, const std::vector<Sighting>& sightings, Intersection* point) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
@@ -109,49 +84,6 @@ bool NoiseCovariance(const Rig& rig, const std::vector<Sighting>& sightings, Int
   return true;
 }
 
-// The calibration's part of the points' covariance, prepared for many points:
-// with the frame's motion M, (G - A M) C (G - A M)^T is expanded so that only
-// the columns of the cameras that see the point are touched.
-class CalibrationPart {
- public:
-  CalibrationPart(const Rig& rig, const RigCovariance& covariance)
-      : rig_(rig), c_(covariance.parameters) {
-    if (c_.rows() == 0 || covariance.frame_by_parameters.rows() == 0) return;
-    cm_ = c_ * covariance.frame_by_parameters.transpose();
-    mcm_ = covariance.frame_by_parameters * cm_;
-  }
-
-  bool empty() const { return c_.rows() == 0; }
-
-  Eigen::Matrix3d Of(const std::vector<Sighting>& sightings, const Intersection& point) const {
-    Eigen::Matrix<double, 3, Eigen::Dynamic> gain;
-    if (!Gain(rig_, sightings, point, &gain)) return Eigen::Matrix3d::Constant(kNan);
-    constexpr int kBlock = kNumCameraParameters;
-    Eigen::Matrix3d part = Eigen::Matrix3d::Zero();
-    Eigen::Matrix<double, 3, 6> gcm = Eigen::Matrix<double, 3, 6>::Zero();
-    for (std::size_t i = 0; i < sightings.size(); ++i) {
-      const auto gain_i = gain.middleCols<kBlock>(static_cast<Eigen::Index>(i) * kBlock);
-      for (std::size_t j = 0; j < sightings.size(); ++j) {
-        part +=
-            gain_i *
-            c_.block<kBlock, kBlock>(sightings[i].camera * kBlock, sightings[j].camera * kBlock) *
-            gain.middleCols<kBlock>(static_cast<Eigen::Index>(j) * kBlock).transpose();
-      }
-      if (cm_.rows() != 0) gcm += gain_i * cm_.middleRows<kBlock>(sightings[i].camera * kBlock);
-    }
-    if (cm_.rows() == 0) return part;
-    const FrameMatrix effect = FrameEffect(point.position_mm);
-    const Eigen::Matrix3d cross = gcm * effect.transpose();
-    return part - cross - cross.transpose() + effect * mcm_ * effect.transpose();
-  }
-
- private:
-  const Rig& rig_;
-  const Eigen::MatrixXd& c_;
-  Eigen::MatrixXd cm_;               // C M^T
-  Eigen::Matrix<double, 6, 6> mcm_;  // M C M^T
-};
-
 }  // namespace
 
 Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches) {
@@ -168,7 +100,7 @@ Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches) {
         !Gain(rig, sightings, point, &gain)) {
       continue;
     }
-    const FrameMatrix effect = FrameEffect(point.position_mm);
+    const Eigen::Matrix<double, 3, 6> effect = FrameEffect(point.position_mm);
     normal += effect.transpose() * effect;
     for (std::size_t k = 0; k < sightings.size(); ++k) {
       right.middleCols<kNumCameraParameters>(sightings[k].camera * kNumCameraParameters) +=

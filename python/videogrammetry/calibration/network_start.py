@@ -10,8 +10,8 @@ import numpy as np
 from videogrammetry.adjustment import principal_extents, search_focal
 from videogrammetry.calibration.network_block import Block, with_interior
 from videogrammetry.calibration.network_frame import (
-    fit_similarity,
     frame_on_known,
+    robust_similarity,
     scale_from_bars,
 )
 from videogrammetry.calibration.network_growth import MIN_KNOWN_POINTS, MIN_POINTS, grow, settle
@@ -204,7 +204,7 @@ def _join(main: Block, other: Block) -> bool:
     both = main.has_point & other.has_point
     if both.sum() < 4 or principal_extents(main.position[both])[1] < 0.02:
         return False
-    fit = fit_similarity(main.position[both], other.position[both])
+    fit = robust_similarity(main.position[both], other.position[both])
     if fit.inlier.sum() < max(4, 0.6 * both.sum()):
         return False
     trial = main.copy()

@@ -8,6 +8,7 @@
 
 #include "videogrammetry/adjustment/datum.h"
 #include "videogrammetry/adjustment/elimination.h"
+#include "videogrammetry/adjustment/gauss_newton.h"
 #include "videogrammetry/adjustment/observation_model.h"
 #include "videogrammetry/core/thread_pool.h"
 
@@ -240,10 +241,6 @@ void AddImagePoints(Network* network, Blocks* blocks, ceres::LossFunction* loss,
     const NetworkImage& image = network->images[o.image];
     const NetworkCamera& camera = network->cameras[image.camera];
     const Circle mark = network->points[o.point].mark();
-    if (!PredictImagePoint(*network, o.image, o.point, o.velocity_px)) {
-      o.used = false;
-      continue;
-    }
     std::vector<double*> x = {blocks->camera[image.camera].data()};
     if (image.outer >= 0) x.push_back(blocks->pose[image.outer].data());
     x.push_back(blocks->pose[image.inner].data());
@@ -368,10 +365,8 @@ std::shared_ptr<ceres::ParameterBlockOrdering> EliminationOrder(const UnknownInd
   return ordering;
 }
 
-}  // namespace
-
-BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
-  network->Check();
+/// Levenberg-Marquardt with step control for starts far off.
+BundleSummary SolveWithCeres(Network* network, const BundleOptions& options) {
   Blocks blocks(*network);
   std::unique_ptr<ceres::LossFunction> loss;
   if (options.cauchy_scale > 0) loss = std::make_unique<ceres::CauchyLoss>(options.cauchy_scale);
@@ -422,6 +417,17 @@ BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
   result.final_cost = summary.final_cost;
   result.message = summary.message;
   return result;
+}
+
+}  // namespace
+
+BundleSummary SolveBundle(Network* network, const BundleOptions& options) {
+  network->Check();
+  for (NetworkObservation& o : network->observations) {
+    o.used = o.used && PredictImagePoint(*network, o.image, o.point, o.velocity_px).has_value();
+  }
+  if (const auto solved = SolveNormalEquations(network, options)) return *solved;
+  return SolveWithCeres(network, options);
 }
 
 }  // namespace videogrammetry

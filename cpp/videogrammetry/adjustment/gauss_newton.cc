@@ -51,7 +51,8 @@ class Descent {
       return true;
     }
     const double raised = damping_;
-    damping_ = damping_ / 5 < kLeastDamping ? 0.0 : damping_ / 5;
+    // (far off, the damping also holds what nothing determines)
+    damping_ = damping_ / 5 < kLeastDamping ? least_damping() : damping_ / 5;
     std::unique_ptr<NormalEquations> next = Normal(trial);
     if (next == nullptr || next->num_invalid > 0 || !(next->cost < cost())) {
       damping_ = raised;
@@ -64,6 +65,7 @@ class Descent {
   }
 
   int failures() const { return failures_; }
+  double least_damping() const { return options_.near_solution ? 0.0 : kLeastDamping; }
 
  private:
   std::unique_ptr<NormalEquations> Normal(const Network& network) const {
@@ -98,13 +100,12 @@ std::optional<BundleSummary> SolveNormalEquations(Network* network, const Bundle
   if (!descent.usable()) return std::nullopt;
   BundleSummary summary;
   summary.initial_cost = 0.5 * descent.cost();
-  while (!summary.converged) {
-    if (summary.iterations++ >= options.max_iterations) return std::nullopt;
+  while (!summary.converged && summary.iterations++ < options.max_iterations) {
     summary.converged = descent.Step();
     if (descent.failures() > kMaxFailures || !descent.usable()) return std::nullopt;
   }
   summary.final_cost = 0.5 * descent.cost();
-  summary.message = "Convergence: v'Pv settles";
+  summary.message = summary.converged ? "v'Pv settles" : "v'Pv still falls after all iterations";
   *network = std::move(descent.network());
   for (NetworkPose& pose : network->poses) {  // rounding of many small turns
     if (pose.free) pose.transform.rotation = NearestRotation(pose.transform.rotation);

@@ -100,6 +100,17 @@ void SetPriorsAside(Network* network, double limit) {
   network->prior_block.Update(network->points);
 }
 
+/// Of the cameras only f and A1: what rough poses and points do not mislead.
+void SolveRoughly(Network* network, const BundleOptions& bundle) {
+  std::vector<CameraMask> wanted;
+  for (NetworkCamera& c : network->cameras) {
+    wanted.push_back(c.free);
+    for (int k = 0; k < kNumCameraUnknowns; ++k) c.free[k] = c.free[k] && (k == kF || k == kA1);
+  }
+  SolveBundle(network, bundle);
+  for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
+}
+
 }  // namespace
 
 BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
@@ -115,13 +126,11 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
     floors[&c - network->cameras.data()] = std::max(kStartFloorPx, c.floor_px);
   }
   SetFloors(network, floors);
-  std::vector<CameraMask> wanted;
-  for (NetworkCamera& c : network->cameras) {
-    wanted.push_back(c.free);
-    for (int k = 0; k < kNumCameraUnknowns; ++k) c.free[k] = c.free[k] && (k == kF || k == kA1);
-  }
-  SolveBundle(network, bundle);
-  for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
+  // Where most points already lie within the floor, all parameters may move at once.
+  const std::vector<double> scatter = RobustFloors(*network, PlainResiduals(*network));
+  const bool rough = !std::all_of(scatter.begin(), scatter.end(),
+                                  [](double floor_px) { return floor_px < kStartFloorPx; });
+  if (rough) SolveRoughly(network, bundle);
   BundleSummary summary = SolveBundle(network, bundle);
   SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
   bundle.near_solution = true;

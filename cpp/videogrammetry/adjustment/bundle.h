@@ -16,6 +16,8 @@ struct BundleOptions {
   bool near_solution = true;
   /// Stop at this relative change of v'Pv: 1e-10 moves no unknown by 1e-3 of its sigma.
   double function_tolerance = 1e-10;
+  /// Or where a step promises to lower v'Pv by no more than this.
+  double least_decrease = 1e-16;
   /// 0 = one a core.
   int num_threads = 0;
 };

@@ -13,7 +13,6 @@ namespace {
 // A start that needs more is for a solver with more patience.
 constexpr int kMaxFailures = 12;
 constexpr double kFarDamping = 1e-4, kFirstDamping = 1e-6, kLeastDamping = 1e-9;
-constexpr double kLeastDecrease = 1e-16;
 
 bool IsPossible(const Network& network) {
   return std::all_of(network.cameras.begin(), network.cameras.end(), [](const NetworkCamera& c) {
@@ -46,7 +45,7 @@ class Descent {
     MoveUnknowns(index_, *step, &trial);
     if (!IsPossible(trial)) return Fail();
     const double promised = normal_->gradient.dot(*step);
-    if (promised <= options_.function_tolerance * cost() || promised <= kLeastDecrease) {
+    if (promised <= options_.function_tolerance * cost() || promised <= options_.least_decrease) {
       network_ = std::move(trial);
       return true;
     }

@@ -231,9 +231,34 @@ double NormalEquations::LossWeight(double square) {
   return 1.0 / (1.0 + square / scale2);
 }
 
+/// Rows of consecutive observations that meet the same camera and poses: their common part
+/// goes into the normal equations as one product.
+struct NormalEquations::CommonRows {
+  static constexpr int kCapacity = 128;
+  std::array<int, ImageRow::kMaxUnknowns> unknown;
+  int size = 0, count = 0;
+  Eigen::Matrix<double, ImageRow::kMaxUnknowns, Eigen::Dynamic> design, weighted;
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(ImageRow::kMaxUnknowns);
+
+  CommonRows() : design(ImageRow::kMaxUnknowns, kCapacity), weighted(design) {}
+  bool Fits(const ImageRow& row, int common) const {
+    return count + 2 <= kCapacity && common == size &&
+           std::equal(unknown.begin(), unknown.begin() + size, row.unknown.begin());
+  }
+};
+
+void NormalEquations::Flush(CommonRows* rows) {
+  if (rows->count > 0) {
+    const Eigen::MatrixXd normal = rows->design.topLeftCorner(rows->size, rows->count) *
+                                   rows->weighted.topLeftCorner(rows->size, rows->count).transpose();
+    Add(rows->unknown.data(), rows->size, normal, rows->right.head(rows->size));
+  }
+  rows->count = 0;
+  rows->right.setZero();
+}
+
 void NormalEquations::AddImagePoints(const Network& network, const UnknownIndex& index) {
-  Eigen::MatrixXd normal(ImageRow::kMaxUnknowns, ImageRow::kMaxUnknowns);
-  Eigen::VectorXd right(ImageRow::kMaxUnknowns);
+  CommonRows rows;
   for (const NetworkObservation& o : network.observations) {
     if (!o.used) continue;
     const ImageRow row = LineariseImagePoint(network, index, o.image, o.point, o.velocity_px);
@@ -245,13 +270,51 @@ void NormalEquations::AddImagePoints(const Network& network, const UnknownIndex&
     const Eigen::Vector2d residual = o.xy_px - row.pixel;
     num_observations += 2;
     weight *= LossWeight(residual.dot(weight * residual));
-    const auto design = row.design.leftCols(row.size);
     const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns> weighted = weight * row.design;
-    normal.topLeftCorner(row.size, row.size) =
-        design.transpose().lazyProduct(weighted.leftCols(row.size));
-    right.head(row.size) = weighted.leftCols(row.size).transpose() * residual;
-    Add(row.unknown.data(), row.size, normal.topLeftCorner(row.size, row.size),
-        right.head(row.size));
+    const int first = index.point[o.point];  // the point's unknowns come last
+    const int common = row.size - (first >= 0 ? 3 : 0);
+    if (!rows.Fits(row, common)) {
+      Flush(&rows);
+      rows.unknown = row.unknown;
+      rows.size = common;
+    }
+    rows.design.block(0, rows.count, common, 2) = row.design.leftCols(common).transpose();
+    rows.weighted.block(0, rows.count, common, 2) = weighted.leftCols(common).transpose();
+    rows.count += 2;
+    rows.right.head(common) += weighted.leftCols(common).transpose() * residual;
+    if (first >= 0) AddToPoint(row, weighted, residual);
+  }
+  Flush(&rows);
+}
+
+void NormalEquations::AddToPoint(const ImageRow& row,
+                                 const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns>& weighted,
+                                 const Eigen::Vector2d& residual) {
+  const int common = row.size - 3, first = row.unknown[common];
+  const Eigen::Matrix<double, 2, 3> by_point = row.design.middleCols<3>(common);
+  const Eigen::Matrix<double, 2, 3> weighted_point = weighted.middleCols<3>(common);
+  const Eigen::Matrix3d own = by_point.transpose() * weighted_point;
+  gradient.segment<3>(first) += weighted_point.transpose() * residual;
+  const int block = elimination_.block_of[first], place = elimination_.place[first];
+  if (block >= 0) {
+    blocks[block].normal.block<3, 3>(place, place) += own;
+  } else {
+    reduced.block<3, 3>(place, place) += own;
+  }
+  std::array<UnknownRun, ImageRow::kMaxUnknowns> runs;
+  const int count = FindRuns(elimination_, row.unknown.data(), common, runs.data());
+  for (int k = 0; k < count; ++k) {
+    const UnknownRun& run = runs[k];
+    const Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, ImageRow::kMaxUnknowns> across =
+        weighted_point.transpose().lazyProduct(row.design.middleCols(run.row, run.size));
+    if (block >= 0) {  // (no run then is in a block)
+      blocks[block].coupling.block(place, blocks[block].Column(run.place), 3, run.size) += across;
+    } else if (run.block >= 0) {
+      Block& other = blocks[run.block];
+      other.coupling.block(run.place, other.Column(place), run.size, 3) += across.transpose();
+    } else {
+      reduced.block(place, run.place, 3, run.size) += across;  // points come last
+    }
   }
 }
 
@@ -348,6 +411,20 @@ void NormalEquations::Damp() {
 }
 
 void NormalEquations::Eliminate(const Network& network, const UnknownIndex& index) {
+  // W_b' W_b is what a block takes from the reduced ones. Where most blocks meet most of these,
+  // many W at once are one large product; else each goes to its columns.
+  double met = 0.0;
+  for (const Block& block : blocks) met += std::pow(static_cast<double>(block.columns.size()), 2);
+  const bool dense = met > 0.2 * std::pow(static_cast<double>(reduced.rows()), 2) *
+                               static_cast<double>(blocks.size());
+  constexpr Eigen::Index kRows = 192;
+  Eigen::MatrixXd all = Eigen::MatrixXd::Zero(reduced.rows(), dense ? kRows : 0);
+  Eigen::Index count = 0;
+  auto take = [&] {
+    reduced.selfadjointView<Eigen::Lower>().rankUpdate(all.leftCols(count), -1.0);
+    all.leftCols(count).setZero();
+    count = 0;
+  };
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     Block& block = blocks[b];
     const Eigen::VectorXd scale = block.normal.diagonal().cwiseSqrt().cwiseInverse();
@@ -358,11 +435,23 @@ void NormalEquations::Eliminate(const Network& network, const UnknownIndex& inde
       ThrowSingularBlock(network, index, elimination_.blocks[b].front());
     }
     const Eigen::Index size = scale.size();
-    block.inverse = scale.asDiagonal() * factor.solve(Eigen::MatrixXd::Identity(size, size)) *
-                    scale.asDiagonal();
-    block.y.noalias() = block.inverse * block.coupling;
-    Subtract(block.coupling.transpose() * block.y, block.columns, &reduced);
+    Eigen::MatrixXd root = scale.asDiagonal();  // L^-1 diag(scale)
+    factor.matrixL().solveInPlace(root);
+    block.inverse = root.transpose().lazyProduct(root);
+    block.y.noalias() = block.inverse.lazyProduct(block.coupling);
+    if (!dense) {
+      Subtract(block.coupling.transpose() * block.y, block.columns, &reduced);
+      continue;
+    }
+    if (count + size > kRows) take();
+    const Eigen::MatrixXd w = (root.lazyProduct(block.coupling)).transpose();
+    for (Eigen::Index k = 0; k < size; ++k, ++count) {
+      for (std::size_t i = 0; i < block.columns.size(); ++i) {
+        all(block.columns[i], count) = w(static_cast<Eigen::Index>(i), k);
+      }
+    }
   }
+  if (dense) take();
 }
 
 std::optional<Eigen::VectorXd> NormalEquations::Solve(const Eigen::MatrixXd& null_space,

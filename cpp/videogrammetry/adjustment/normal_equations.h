@@ -117,6 +117,12 @@ struct NormalEquations {
   /// Adds a symmetric matrix over some unknowns, and the right-hand side.
   void Add(const int* unknown, int size, const Eigen::Ref<const Eigen::MatrixXd>& normal,
            const Eigen::Ref<const Eigen::VectorXd>& right);
+  struct CommonRows;
+  void Flush(CommonRows* rows);
+  /// The parts of an image point's row that belong to its point's unknowns.
+  void AddToPoint(const ImageRow& row,
+                  const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns>& weighted,
+                  const Eigen::Vector2d& residual);
   /// Weight by the loss of an observation with this v'Pv, which it counts.
   double LossWeight(double square);
   void Damp();

@@ -120,6 +120,8 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   bundle.cauchy_scale = 3.0;
   // Rough, for what follows begins anew with other weights.
   bundle.function_tolerance = 1e-3;
+  // (a hundredth of the start's floor, which is far above the points' noise)
+  bundle.least_decrease = 2e-4 * static_cast<double>(network->observations.size());
   bundle.num_threads = options.num_threads;
   std::vector<double> floors(network->cameras.size(), kStartFloorPx);
   for (const NetworkCamera& c : network->cameras) {
@@ -134,7 +136,8 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   BundleSummary summary = SolveBundle(network, bundle);
   SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
   bundle.near_solution = true;
-  bundle.function_tolerance = 1e-6;
+  bundle.function_tolerance = 1e-4;
+  bundle.least_decrease = BundleOptions().least_decrease;
   summary = SolveBundle(network, bundle);
   if (options.estimate_floor) {
     SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));

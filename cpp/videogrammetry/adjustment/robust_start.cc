@@ -136,7 +136,7 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
   BundleSummary summary = SolveBundle(network, bundle);
   SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
   bundle.near_solution = true;
-  bundle.function_tolerance = 1e-4;
+  bundle.function_tolerance = 1e-6;
   bundle.least_decrease = BundleOptions().least_decrease;
   summary = SolveBundle(network, bundle);
   if (options.estimate_floor) {

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -47,6 +48,31 @@ struct BarRow {
 };
 BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar);
 
+/// Unknowns of a row of the design that lie next to each other in one block or in the
+/// reduced vector (block -1).
+struct UnknownRun {
+  int row = 0;  ///< the first one's place in the row
+  int size = 0;
+  int block = -1;
+  int place = 0;  ///< the first one's, in its block or the reduced vector
+};
+/// Splits `size` unknowns into runs, at most `size` of them; returns their number.
+int FindRuns(const Elimination& elimination, const int* unknown, int size, UnknownRun* runs);
+
+/// Lower triangle of the reduced normal equations scaled to a unit diagonal (before the
+/// elimination), made regular along the null space's columns.
+Eigen::MatrixXd ScaledReduced(const Eigen::MatrixXd& reduced, const Eigen::VectorXd& diagonal,
+                              const Elimination& elimination, const Eigen::MatrixXd& null_space);
+
+/// How normal equations are made while an adjustment is on its way.
+struct NormalOptions {
+  /// Scale of Cauchy's loss in standard deviations; 0 = least squares. Every image point, bar
+  /// and a-priori position gets the weight 1 / (1 + v'Pv / scale^2).
+  double cauchy_scale = 0.0;
+  /// Share by which the diagonal is raised (Levenberg-Marquardt).
+  double damping = 0.0;
+};
+
 /// Normal equations N = A'PA of a network at its present values, with blocks
 /// of unknowns b eliminated (Elimination):
 ///   S = N_rr - sum_b N_rb N_bb^-1 N_br,   Y_b = N_bb^-1 N_br.
@@ -65,12 +91,19 @@ struct NormalEquations {
 
   /// @throws AdjustmentError if a block is singular, naming it; of a point
   ///     UndeterminedPointError.
-  NormalEquations(const Network& network, const UnknownIndex& index,
-                  const Elimination& elimination);
+  NormalEquations(const Network& network, const UnknownIndex& index, const Elimination& elimination,
+                  const NormalOptions& options = {});
+
+  /// Answer dx to N dx = A'Pv, of every unknown in order, free of the null space's directions;
+  /// nullopt where N is singular.
+  std::optional<Eigen::VectorXd> Solve(const Eigen::MatrixXd& null_space, int num_threads) const;
 
   Eigen::MatrixXd reduced;   ///< S, lower triangle
   Eigen::VectorXd diagonal;  ///< of N_rr, before the elimination
   std::vector<Block> blocks;
+  Eigen::VectorXd gradient;       ///< A'Pv of every unknown, before the elimination
+  double cost = 0.0;              ///< v'Pv, or the sum of the loss
+  int num_invalid = 0;            ///< used image points without a picture; they take no part
   int num_observations = 0;       ///< used image coordinates
   int num_prior = 0;              ///< a-priori coordinates, parameters and scale bars
   double weighted_squares = 0.0;  ///< v'Pv of everything
@@ -83,13 +116,26 @@ struct NormalEquations {
   void AddBars(const Network& network, const UnknownIndex& index);
   void AddPointPriors(const Network& network, const UnknownIndex& index);
   void AddPriorBlock(const Network& network, const UnknownIndex& index);
+  /// Adds the a-priori value of an unknown that is not eliminated, in no loss.
+  void AddPrior(int unknown, double residual, double sigma);
   void AddCameraPriors(const Network& network, const UnknownIndex& index);
   void AddInterfacePriors(const Network& network, const UnknownIndex& index);
-  /// Adds a symmetric matrix over some unknowns.
-  void Add(const int* unknown, int size, const Eigen::Ref<const Eigen::MatrixXd>& normal);
+  /// Adds a symmetric matrix over some unknowns, and the right-hand side.
+  void Add(const int* unknown, int size, const Eigen::Ref<const Eigen::MatrixXd>& normal,
+           const Eigen::Ref<const Eigen::VectorXd>& right);
+  struct CommonRows;
+  void Flush(CommonRows* rows);
+  /// The parts of an image point's row that belong to its point's unknowns.
+  void AddToPoint(const ImageRow& row,
+                  const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns>& weighted,
+                  const Eigen::Vector2d& residual);
+  /// Weight by the loss of an observation with this v'Pv, which it counts.
+  double LossWeight(double square);
+  void Damp();
   void Eliminate(const Network& network, const UnknownIndex& index);
 
   const Elimination& elimination_;
+  NormalOptions options_;
 };
 
 }  // namespace videogrammetry

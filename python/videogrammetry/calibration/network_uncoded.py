@@ -479,8 +479,10 @@ class _Matcher:
         )
         f_px = np.array([view.f_px for view in views])
         gate = np.sqrt(_GATE_CHI2) * max(view.total_px for view in views)
-        position = intersect_rays(centre, direction, f_px, gate, float(_MIN_PAIR_RAD))
-        if position is None:
+        position = intersect_rays(
+            centre[None], direction[None], f_px[None], gate, float(_MIN_PAIR_RAD)
+        )[0]
+        if not np.isfinite(position).all():
             return [], None
         near = agreeing(position, centre, direction, f_px, gate)
         return [ray for ray, kept in zip(rays, near, strict=True) if kept], position

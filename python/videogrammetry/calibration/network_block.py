@@ -179,9 +179,7 @@ class Block:
         centre[place, rank] = -np.einsum("nji,nj->ni", r, self.translation[images])
         direction[place, rank] = np.einsum("nji,nj->ni", r, self.rays[rows])
         f_px[place, rank] = self.focal_px(images)
-        self.position[points] = intersect_rays(
-            centre, direction, f_px, self.gate_px, MIN_ANGLE_RAD
-        )
+        self.position[points] = intersect_rays(centre, direction, f_px, self.gate_px, MIN_ANGLE_RAD)
 
     def focal_px(self, images: RowArray) -> FloatArray:
         """f of pictures."""
@@ -306,3 +304,23 @@ def _grouped(label: npt.NDArray[np.integer], count: int) -> list[RowArray]:
     """Rows of each label 0 ... count - 1."""
     order = np.argsort(label, kind="stable")
     return np.split(order, np.searchsorted(label[order], np.arange(1, count)))
+
+
+def placed_block(network: NetworkInput) -> Block:
+    """The network as a block, with the poses and positions that it has."""
+    cameras = [
+        with_interior(
+            RigCamera(
+                image_size_px=c.image_size_px, interior=np.asarray(c.interior, float),
+                r0_px=c.r0_px, rotation=np.eye(3), translation_mm=np.zeros(3), measured=c.measured,
+            ),
+            np.asarray(c.interior, float),
+        )
+        for c in network.cameras
+    ]  # fmt: skip
+    block = Block(network, cameras)
+    for k, image in enumerate(network.images):
+        if image.rotation is not None and image.translation_mm is not None:
+            block.place(k, np.asarray(image.rotation), np.asarray(image.translation_mm))
+    block.position = np.array(network.points.position_mm, float)
+    return block

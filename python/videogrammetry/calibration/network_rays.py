@@ -122,10 +122,7 @@ def _midpoints(
     across = np.maximum(1 - b * b, 1e-300)  # (0 of two rays that are none)
     along_u, along_v = (d - b * e) / across, (b * d - e) / across
     result: FloatArray = 0.5 * (
-        centre[each, first]
-        + along_u[..., None] * u
-        + centre[each, second]
-        + along_v[..., None] * v
+        centre[each, first] + along_u[..., None] * u + centre[each, second] + along_v[..., None] * v
     )
     return result
 

@@ -2,7 +2,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -16,15 +15,6 @@
 
 namespace videogrammetry {
 namespace {
-
-// As in normal_equations.cc: a pivot below this is rounding.
-constexpr double kRankTolerance = 1e-12;
-
-/// Orthonormal basis of the columns' span.
-Eigen::MatrixXd Orthonormal(const Eigen::MatrixXd& columns) {
-  return Eigen::HouseholderQR<Eigen::MatrixXd>(columns).householderQ() *
-         Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
-}
 
 /// Fills what FullCovariance leaves out: eliminated by reduced, and the
 /// blocks' lower triangle (block a by an earlier block b).
@@ -147,8 +137,8 @@ void Dispersion::ThrowRankDefect(const Eigen::VectorXd& scale) const {
     Eigen::MatrixXd shifted = cov_.selfadjointView<Eigen::Upper>();
     shifted.diagonal() = unit_diagonal_.array() + 1e-9;
     const Eigen::LDLT<Eigen::MatrixXd> factor(shifted);
-    Eigen::MatrixXd v = Orthonormal(Eigen::MatrixXd::Random(n, count));
-    for (int i = 0; i < 3; ++i) v = Orthonormal(factor.solve(v));
+    Eigen::MatrixXd v = Orthonormalised(Eigen::MatrixXd::Random(n, count));
+    for (int i = 0; i < 3; ++i) v = Orthonormalised(factor.solve(v));
     shifted.diagonal() = unit_diagonal_;
     Eigen::VectorXd moves = Eigen::VectorXd::Zero(n);
     const Eigen::VectorXd value = (v.transpose() * shifted * v).diagonal().cwiseAbs();

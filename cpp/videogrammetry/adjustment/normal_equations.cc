@@ -1,95 +1,11 @@
 #include "videogrammetry/adjustment/normal_equations.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "videogrammetry/adjustment/observation_model.h"
-#include "videogrammetry/adjustment/spd_inverse.h"
-
 namespace videogrammetry {
-namespace {
-
-// Below this share of its unit diagonal a pivot is rounding: about 1e4 times
-// the double's epsilon, and far under what a solvable network shows (1e-9).
-constexpr double kRankTolerance = 1e-12;
-
-[[noreturn]] void ThrowSingularBlock(const Network& network, const UnknownIndex& index,
-                                     int unknown) {
-  for (std::size_t p = 0; p < network.points.size(); ++p) {
-    const int first = index.point[p];
-    if (first < 0 || unknown < first || unknown >= first + 3) continue;
-    throw UndeterminedPointError(
-        "point " + std::to_string(network.points[p].id) +
-            " is not determined: too few pictures see it, or all along one line",
-        static_cast<int>(p));
-  }
-  throw AdjustmentError(
-      "the observations do not determine all unknowns (rank defect); free to move: " +
-      UnknownName(network, index, unknown));
-}
-
-/// Orthonormal basis of the columns' span.
-Eigen::MatrixXd Orthonormal(const Eigen::MatrixXd& columns) {
-  return Eigen::HouseholderQR<Eigen::MatrixXd>(columns).householderQ() *
-         Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
-}
-
-/// Lower triangle of all[columns, columns] -= part; columns ascend.
-void Subtract(const Eigen::MatrixXd& part, const std::vector<int>& columns, Eigen::MatrixXd* all) {
-  const std::size_t n = columns.size();
-  for (std::size_t i = 0; i < n;) {  // runs of rows that lie next to each other
-    std::size_t end = i + 1;
-    while (end < n && columns[end] == columns[end - 1] + 1) ++end;
-    for (std::size_t j = 0; j < end; ++j) {
-      const std::size_t first = std::max(i, j);
-      const Eigen::Index size = static_cast<Eigen::Index>(end - first);
-      all->col(columns[j]).segment(columns[first], size) -=
-          part.col(static_cast<Eigen::Index>(j)).segment(static_cast<Eigen::Index>(first), size);
-    }
-    i = end;
-  }
-}
-
-ImageRow MakeRow(const Network& network, int image_index, const UnknownIndex& index, int point,
-                 const std::optional<Eigen::Vector2d>& pixel, const ImagePointJacobians& j) {
-  const NetworkImage& image = network.images[image_index];
-  ImageRow row;
-  if (!pixel) return row;
-  row.valid = true;
-  row.pixel = *pixel;
-  auto add = [&](int unknown, const Eigen::Vector2d& column) {
-    row.design.col(row.size) = column;
-    row.unknown[row.size++] = unknown;
-  };
-  for (int k = 0; k < kNumCameraUnknowns; ++k) {
-    const int u = index.camera[image.camera][k];
-    if (u >= 0) add(u, j.by_camera.col(k));
-  }
-  const int outer = image.outer < 0 ? -1 : index.pose[image.outer], inner = index.pose[image.inner];
-  for (int k = 0; outer >= 0 && k < 6; ++k) add(outer + k, j.by_outer.col(k));
-  for (int k = 0; inner >= 0 && k < 6; ++k) add(inner + k, j.by_inner.col(k));
-  const int window = network.cameras[image.camera].interface;
-  if (window >= 0) {
-    Eigen::Matrix<double, 3, 2> normal_by_tilt;
-    network.interfaces[window].surface(&normal_by_tilt);
-    Eigen::Matrix<double, 2, kNumInterfaceUnknowns> by_interface;
-    by_interface << j.by_normal * normal_by_tilt, j.by_distance;
-    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
-      const int u = index.interface[window][k];
-      if (u >= 0) add(u, by_interface.col(k));
-    }
-  }
-  for (int k = 0; index.point[point] >= 0 && k < 3; ++k) {
-    add(index.point[point] + k, j.by_point.col(k));
-  }
-  return row;
-}
-
-}  // namespace
 
 int FindRuns(const Elimination& elimination, const int* unknown, int size, UnknownRun* runs) {
   int count = 0;
@@ -103,51 +19,6 @@ int FindRuns(const Elimination& elimination, const int* unknown, int size, Unkno
     }
   }
   return count;
-}
-
-Eigen::MatrixXd ScaledReduced(const Eigen::MatrixXd& reduced, const Eigen::VectorXd& diagonal,
-                              const Elimination& elimination, const Eigen::MatrixXd& null_space) {
-  const Eigen::VectorXd scale = diagonal.cwiseSqrt().cwiseInverse();
-  Eigen::MatrixXd scaled(reduced.rows(), reduced.cols());
-  for (Eigen::Index j = 0; j < scaled.cols(); ++j) {
-    const Eigen::Index size = scaled.rows() - j;
-    scaled.col(j).tail(size) = scale[j] * scale.tail(size).cwiseProduct(reduced.col(j).tail(size));
-  }
-  if (null_space.cols() > 0) {
-    const Eigen::MatrixXd g = null_space(elimination.reduced, Eigen::all);
-    scaled.selfadjointView<Eigen::Lower>().rankUpdate(
-        Orthonormal(scale.cwiseInverse().asDiagonal() * g));
-  }
-  return scaled;
-}
-
-ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image,
-                             int point, const Eigen::Vector2d& velocity_px) {
-  ImagePointJacobians j;
-  const auto pixel = PredictImagePoint(network, image, point, velocity_px, &j);
-  return MakeRow(network, image, index, point, pixel, j);
-}
-
-ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
-                              const NetworkObservation& o) {
-  ImagePointJacobians j;
-  const auto pixel = PredictObservation(network, o, &j);
-  return MakeRow(network, o.image, index, o.point, pixel, j);
-}
-
-BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar) {
-  const Eigen::Vector3d between =
-      network.points[bar.a].position_mm - network.points[bar.b].position_mm;
-  BarRow row;
-  row.length_mm = between.norm();
-  const Eigen::Vector3d along = between / std::max(row.length_mm, 1e-300);
-  for (const auto& [point, sign] : {std::pair(bar.a, 1.0), std::pair(bar.b, -1.0)}) {
-    for (int k = 0; index.point[point] >= 0 && k < 3; ++k) {
-      row.design[row.size] = sign * along[k];
-      row.unknown[row.size++] = index.point[point] + k;
-    }
-  }
-  return row;
 }
 
 int NormalEquations::Block::Column(int reduced_place) const {
@@ -452,78 +323,6 @@ void NormalEquations::AddInterfacePriors(const Network& network, const UnknownIn
 void NormalEquations::Damp() {
   reduced.diagonal() *= 1 + options_.damping;
   for (Block& block : blocks) block.normal.diagonal() *= 1 + options_.damping;
-}
-
-void NormalEquations::Eliminate(const Network& network, const UnknownIndex& index) {
-  // W_b' W_b is what a block takes from the reduced ones. Where most blocks meet most of these,
-  // many W at once are one large product; else each goes to its columns.
-  double met = 0.0;
-  for (const Block& block : blocks) met += std::pow(static_cast<double>(block.columns.size()), 2);
-  const bool dense = met > 0.2 * std::pow(static_cast<double>(reduced.rows()), 2) *
-                               static_cast<double>(blocks.size());
-  constexpr Eigen::Index kRows = 192;
-  Eigen::MatrixXd all = Eigen::MatrixXd::Zero(reduced.rows(), dense ? kRows : 0);
-  Eigen::Index count = 0;
-  auto take = [&] {
-    reduced.selfadjointView<Eigen::Lower>().rankUpdate(all.leftCols(count), -1.0);
-    all.leftCols(count).setZero();
-    count = 0;
-  };
-  for (std::size_t b = 0; b < blocks.size(); ++b) {
-    Block& block = blocks[b];
-    const Eigen::VectorXd scale = block.normal.diagonal().cwiseSqrt().cwiseInverse();
-    const Eigen::LLT<Eigen::MatrixXd> factor(scale.asDiagonal() * block.normal *
-                                             scale.asDiagonal());
-    if (!scale.allFinite() || factor.info() != Eigen::Success ||
-        factor.matrixLLT().diagonal().cwiseAbs2().minCoeff() < kRankTolerance) {
-      ThrowSingularBlock(network, index, elimination_.blocks[b].front());
-    }
-    const Eigen::Index size = scale.size();
-    Eigen::MatrixXd root = scale.asDiagonal();  // L^-1 diag(scale)
-    factor.matrixL().solveInPlace(root);
-    block.inverse = root.transpose().lazyProduct(root);
-    block.y.noalias() = block.inverse.lazyProduct(block.coupling);
-    if (!dense) {
-      Subtract(block.coupling.transpose() * block.y, block.columns, &reduced);
-      continue;
-    }
-    if (count + size > kRows) take();
-    const Eigen::MatrixXd w = (root.lazyProduct(block.coupling)).transpose();
-    for (Eigen::Index k = 0; k < size; ++k, ++count) {
-      for (std::size_t i = 0; i < block.columns.size(); ++i) {
-        all(block.columns[i], count) = w(static_cast<Eigen::Index>(i), k);
-      }
-    }
-  }
-  if (dense) take();
-}
-
-std::optional<Eigen::VectorXd> NormalEquations::Solve(const Eigen::MatrixXd& null_space,
-                                                      int num_threads) const {
-  const Eigen::VectorXd scale = diagonal.cwiseSqrt().cwiseInverse();
-  if (!scale.allFinite()) return std::nullopt;
-  // Right-hand side of the reduced vector: g_r - sum_b Y_b' g_b.
-  Eigen::VectorXd right = gradient(elimination_.reduced);
-  for (std::size_t b = 0; b < blocks.size(); ++b) {
-    const Eigen::VectorXd own = gradient(elimination_.blocks[b]);
-    const Eigen::VectorXd by_block = blocks[b].y.transpose() * own;
-    for (std::size_t k = 0; k < blocks[b].columns.size(); ++k) {
-      right[blocks[b].columns[k]] -= by_block[static_cast<Eigen::Index>(k)];
-    }
-  }
-  Eigen::MatrixXd factor = ScaledReduced(reduced, diagonal, elimination_, null_space);
-  if (!(FactorInPlace(&factor, num_threads) > kRankTolerance)) return std::nullopt;
-  Eigen::VectorXd x = scale.cwiseProduct(right);
-  factor.triangularView<Eigen::Lower>().solveInPlace(x);
-  factor.triangularView<Eigen::Lower>().transpose().solveInPlace(x);
-  x.array() *= scale.array();
-  Eigen::VectorXd step(gradient.size());
-  step(elimination_.reduced) = x;
-  for (std::size_t b = 0; b < blocks.size(); ++b) {
-    const Eigen::VectorXd own = gradient(elimination_.blocks[b]);
-    step(elimination_.blocks[b]) = blocks[b].inverse * own - blocks[b].y * x(blocks[b].columns);
-  }
-  return step;
 }
 
 }  // namespace videogrammetry

@@ -7,10 +7,15 @@
 #include <vector>
 
 #include "videogrammetry/adjustment/elimination.h"
+#include "videogrammetry/adjustment/linearise.h"
 #include "videogrammetry/adjustment/network.h"
 #include "videogrammetry/core/errors.h"
 
 namespace videogrammetry {
+
+/// Below this share of its unit diagonal a pivot is rounding: about 1e4 times
+/// the double's epsilon, and far under what a solvable network shows (1e-9).
+constexpr double kRankTolerance = 1e-12;
 
 /// The observations do not determine a point's position.
 class UndeterminedPointError : public AdjustmentError {
@@ -23,30 +28,6 @@ class UndeterminedPointError : public AdjustmentError {
  private:
   int point_;
 };
-
-/// An image point's derivatives by the unknowns that are estimated.
-struct ImageRow {
-  static constexpr int kMaxUnknowns = kNumCameraUnknowns + 6 + 6 + kNumInterfaceUnknowns + 3;
-  bool valid = false;  ///< false: the point has no picture
-  int size = 0;
-  std::array<int, kMaxUnknowns> unknown;
-  Eigen::Matrix<double, 2, kMaxUnknowns> design;  ///< first `size` columns
-  Eigen::Vector2d pixel;
-};
-ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image,
-                             int point, const Eigen::Vector2d& velocity_px);
-/// The same of an observation, with what its residual is counted from (PredictObservation).
-ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
-                              const NetworkObservation& observation);
-
-/// A scale bar's predicted length and its derivatives by the unknowns.
-struct BarRow {
-  int size = 0;
-  std::array<int, 6> unknown;
-  Eigen::Matrix<double, 1, 6> design;
-  double length_mm = 0.0;
-};
-BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar);
 
 /// Unknowns of a row of the design that lie next to each other in one block or in the
 /// reduced vector (block -1).

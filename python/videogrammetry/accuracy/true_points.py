@@ -117,7 +117,7 @@ def rigid_frame(measured_mm: FloatArray, true_mm: FloatArray) -> FrameFit:
     --------
     >>> x = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
     >>> fit = rigid_frame(x * 1.001 + [1, 2, 3], x)
-    >>> fit.rotation.round(9).tolist(), round(fit.scale_error, 9)
+    >>> (fit.rotation.round(9) + 0.0).tolist(), round(fit.scale_error, 9)
     ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 0.001)
     """
     rotation, translation, _ = fit_rigid(measured_mm, true_mm)

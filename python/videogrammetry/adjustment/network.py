@@ -59,7 +59,7 @@ class Network:
     >>> cov = np.tile([1e-4, 0, 1e-4], (4, 1))
     >>> network.set_observations(np.zeros(4), np.arange(4), pixels, cov)
     >>> result = network.adjust(AdjustOptions(critical_value=0))
-    >>> network.pose(pose)[1].round(6).tolist(), result.redundancy
+    >>> (network.pose(pose)[1].round(6) + 0.0).tolist(), result.redundancy
     ([0.0, 0.0, 100.0], 2)
     """
 

@@ -48,7 +48,9 @@ def intersect_rays(
     True
     """
     result = np.full((len(centre), 3), np.nan)
-    there = np.isfinite(direction).all(axis=2) & np.isfinite(centre).all(axis=2)
+    there: BoolArray = np.asarray(
+        np.isfinite(direction).all(axis=2) & np.isfinite(centre).all(axis=2)
+    )
     if centre.shape[1] < 2:
         return result
     direction, centre = np.where(there[..., None], direction, 0.0), np.nan_to_num(centre)
@@ -176,7 +178,7 @@ def agreeing(
     gate_px: float,
 ) -> BoolArray:
     """(K,) whether a ray passes the point within the gate."""
-    there = np.isfinite(direction).all(axis=1)[None]
+    there = np.asarray(np.isfinite(direction).all(axis=1))[None]
     distance = _distance_px(point[None, None], centre[None], direction[None], f_px[None], there)
     result: BoolArray = distance[0, 0] < gate_px
     return result

@@ -188,5 +188,18 @@ TEST(GaussNewton, LeavesAStartThatItCannotUseAsItWas) {
   }
 }
 
+// A rig that is free as a whole has no solution of its own, so that Ceres repeats steps.
+TEST(SolveWithCeres, KeepsItsWarningsToItself) {
+  for (const unsigned seed : {1U, 2U, 3U}) {
+    std::mt19937 random(seed);
+    Network n = MakeNetwork(Kind::kRig, &random);
+    for (NetworkPose& p : n.poses) p.free = true;
+    synthetic::Disturb(&random, 0.1, &n);
+    testing::internal::CaptureStderr();
+    SolveWithCeres(&n, {});
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "seed " << seed;
+  }
+}
+
 }  // namespace
 }  // namespace videogrammetry

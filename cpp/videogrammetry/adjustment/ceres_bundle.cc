@@ -205,19 +205,20 @@ std::shared_ptr<ceres::ParameterBlockOrdering> EliminationOrder(const UnknownInd
   return ordering;
 }
 
-/// Ceres tells of each step that it has to repeat by LOG(WARNING), which logging_type does
-/// not reach and which goes to stderr; what matters is in its summary. Errors stay.
-void SilenceWarnings() {
+/// Ceres tells of each step that it has to repeat by LOG(WARNING), and of giving up by
+/// LOG(ERROR). logging_type does not reach them, and they go to stderr, which is not a
+/// library's; what they say is in Ceres' summary. What ends the process is still said.
+void SilenceLog() {
 #ifdef VIDEOGRAMMETRY_GLOG
   static std::once_flag once;
-  std::call_once(once, [] { FLAGS_minloglevel = std::max(FLAGS_minloglevel, google::GLOG_ERROR); });
+  std::call_once(once, [] { FLAGS_minloglevel = std::max(FLAGS_minloglevel, google::GLOG_FATAL); });
 #endif
 }
 
 }  // namespace
 
 BundleSummary SolveWithCeres(Network* network, const BundleOptions& options) {
-  SilenceWarnings();
+  SilenceLog();
   Blocks blocks(*network);
   std::unique_ptr<ceres::LossFunction> loss;
   if (options.cauchy_scale > 0) loss = std::make_unique<ceres::CauchyLoss>(options.cauchy_scale);

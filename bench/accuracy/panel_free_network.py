@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from videogrammetry.calibration.object_frame import fit_rigid
+from videogrammetry.geometry import fit_rigid
 from videogrammetry.pipeline.measure_target import TargetOptions, measure_target, read_photographs
 from videogrammetry.project import read_points
 from videogrammetry.project.network_tables import NamedScaleBar
@@ -55,10 +55,12 @@ def judged(result, known):
     names = np.array([int(n) for n in result.points.name])
     coded, i, k = np.intersect1d(names[names <= CODED], known.id, return_indices=True)
     i = np.flatnonzero(np.isin(names, coded))[np.argsort(names[np.isin(names, coded)])]
-    rotation, shift = fit_rigid(result.points.position_mm[i], known.position_mm[k])
+    rotation, shift, _ = fit_rigid(known.position_mm[k], result.points.position_mm[i])
     placed = result.points.position_mm @ rotation.T + shift
     all_found, all_known = nearest(placed, known.position_mm, 3.0)
-    rotation, shift = fit_rigid(result.points.position_mm[all_found], known.position_mm[all_known])
+    rotation, shift, _ = fit_rigid(
+        known.position_mm[all_known], result.points.position_mm[all_found]
+    )
     error = result.points.position_mm @ rotation.T + shift
     both = error[all_found] - known.position_mm[all_known]
     alone = error[i] - known.position_mm[k]

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from videogrammetry.calibration.object_frame import fit_rigid
+from videogrammetry.geometry import fit_rigid
 from videogrammetry.project import read_points
 
 VERB = (sys.executable, "-m", "videogrammetry")
@@ -42,7 +42,7 @@ def measured(folder, seed):
 def show(photos, out):
     truth, found = read_points(photos / "truth" / "points.csv"), read_points(out)
     common, i, k = np.intersect1d(found.id, truth.id, return_indices=True)
-    rotation, shift = fit_rigid(found.position_mm[i], truth.position_mm[k])
+    rotation, shift, _ = fit_rigid(truth.position_mm[k], found.position_mm[i])
     error = found.position_mm[i] @ rotation.T + shift - truth.position_mm[k]
     with np.load(out.with_suffix(".npz")) as arrays:
         full = arrays["full_cov_mm2"]

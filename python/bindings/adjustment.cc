@@ -377,6 +377,7 @@ void BindStart(py::module_& m) {
         options.cauchy_scale = cauchy_scale;
         options.max_iterations = max_iterations;
         options.near_solution = false;
+        options.function_tolerance = 1e-6;  // what it is for begins anew with other weights
         return SolveBundle(&network, options).converged;
       },
       "network"_a, "cauchy_scale"_a, "max_iterations"_a, py::call_guard<py::gil_scoped_release>());

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from videogrammetry.calibration.network_frame import fit_similarity
+from videogrammetry.calibration.network_frame import robust_similarity
 from videogrammetry.calibration.network_input import (
     NetworkCamera,
     NetworkImage,
@@ -201,6 +201,6 @@ def position_errors(network: NetworkInput, truth: Truth) -> FloatArray:
     count = truth.num_coded
     placed = np.isfinite(network.points.position_mm[:count, 0])
     found, true = network.points.position_mm[:count][placed], truth.position[:count][placed]
-    fit = fit_similarity(true, found)
+    fit = robust_similarity(true, found)
     result: FloatArray = np.linalg.norm(fit.points(found) - true, axis=1)
     return result

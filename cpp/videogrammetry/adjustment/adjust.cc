@@ -226,7 +226,7 @@ AdjustResult Adjust(Network* network, const AdjustOptions& options) {
       changed = true;
     }
     if (changed) continue;
-    result.statistics = dispersion.Statistics();
+    if (last) result.statistics = dispersion.Statistics();  // (else of Revise)
     result.cameras = CameraVariances(*network, result.statistics);
     result.sigma0 = SigmaZero(dispersion);
     result.num_observations = dispersion.num_observations();

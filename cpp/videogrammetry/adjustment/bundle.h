@@ -16,6 +16,8 @@ struct BundleOptions {
   bool near_solution = true;
   /// Stop at this relative change of v'Pv: 1e-10 moves no unknown by 1e-3 of its sigma.
   double function_tolerance = 1e-10;
+  /// Or where a step promises to lower v'Pv by no more than this.
+  double least_decrease = 1e-16;
   /// 0 = one a core.
   int num_threads = 0;
 };
@@ -32,10 +34,11 @@ struct BundleSummary {
 /// Bundle adjustment: estimates every free unknown of the network from the
 /// used observations, scale bars and priors, min v'Pv (Hu et al. 2012, Eqs. 4-6).
 ///
-/// Levenberg-Marquardt (Ceres) on analytic Jacobians; the object points or the
-/// inner poses are eliminated first (Elimination). A free network is moved to
-/// its datum afterwards (FitToDatum). An observation whose point has no picture at the start values
-/// is set to unused.
+/// Damped Gauss-Newton on the normal equations (SolveNormalEquations), on analytic
+/// Jacobians; where that fails, Ceres (SolveWithCeres). The object points or the inner
+/// poses are eliminated first (Elimination). A free network is moved to its datum
+/// afterwards (FitToDatum). An observation whose point has no picture at the start
+/// values is set to unused.
 ///
 /// @throws std::invalid_argument if the network is malformed (Network::Check).
 BundleSummary SolveBundle(Network* network, const BundleOptions& options);

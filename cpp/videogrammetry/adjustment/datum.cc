@@ -1,6 +1,7 @@
 #include "videogrammetry/adjustment/datum.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/QR>
 #include <cmath>
 #include <vector>
 
@@ -111,6 +112,11 @@ void FitToDatum(Network* network) {
     pose.rotation = NearestRotation(pose.rotation * rotation.transpose());
     pose.translation_mm -= pose.rotation * shift;
   }
+}
+
+Eigen::MatrixXd Orthonormalised(const Eigen::MatrixXd& columns) {
+  return Eigen::HouseholderQR<Eigen::MatrixXd>(columns).householderQ() *
+         Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
 }
 
 }  // namespace videogrammetry

@@ -29,4 +29,7 @@ Eigen::MatrixXd DatumNullSpace(const Network& network, const UnknownIndex& index
 /// constraints demand. Does nothing where FreeDatumSize is 0.
 void FitToDatum(Network* network);
 
+/// Orthonormal basis of the columns' span.
+Eigen::MatrixXd Orthonormalised(const Eigen::MatrixXd& columns);
+
 }  // namespace videogrammetry

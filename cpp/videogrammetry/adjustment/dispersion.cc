@@ -2,7 +2,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -16,15 +15,6 @@
 
 namespace videogrammetry {
 namespace {
-
-// As in normal_equations.cc: a pivot below this is rounding.
-constexpr double kRankTolerance = 1e-12;
-
-/// Orthonormal basis of the columns' span.
-Eigen::MatrixXd Orthonormal(const Eigen::MatrixXd& columns) {
-  return Eigen::HouseholderQR<Eigen::MatrixXd>(columns).householderQ() *
-         Eigen::MatrixXd::Identity(columns.rows(), columns.cols());
-}
 
 /// Fills what FullCovariance leaves out: eliminated by reduced, and the
 /// blocks' lower triangle (block a by an earlier block b).
@@ -74,15 +64,8 @@ Dispersion::Dispersion(const Network& network, Elimination::What what, int num_t
 void Dispersion::Invert(int num_threads) {
   const Eigen::VectorXd scale = normal_.diagonal.cwiseSqrt().cwiseInverse();
   if (!scale.allFinite()) ThrowRankDefect(scale);
-  cov_ = std::move(normal_.reduced);
-  for (Eigen::Index j = 0; j < cov_.cols(); ++j) {
-    cov_.col(j).tail(cov_.rows() - j).array() *= scale[j] * scale.tail(cov_.rows() - j).array();
-  }
-  if (datum_size() > 0) {
-    const Eigen::MatrixXd g = null_space_(elimination_.reduced, Eigen::all);
-    cov_.selfadjointView<Eigen::Lower>().rankUpdate(
-        Orthonormal(scale.cwiseInverse().asDiagonal() * g));
-  }
+  cov_ = ScaledReduced(normal_.reduced, normal_.diagonal, elimination_, null_space_);
+  normal_.reduced.resize(0, 0);
   // The upper triangle and this keep the matrix, for the words about a rank defect.
   unit_diagonal_ = cov_.diagonal();
   cov_.triangularView<Eigen::StrictlyUpper>() = cov_.transpose();
@@ -154,8 +137,8 @@ void Dispersion::ThrowRankDefect(const Eigen::VectorXd& scale) const {
     Eigen::MatrixXd shifted = cov_.selfadjointView<Eigen::Upper>();
     shifted.diagonal() = unit_diagonal_.array() + 1e-9;
     const Eigen::LDLT<Eigen::MatrixXd> factor(shifted);
-    Eigen::MatrixXd v = Orthonormal(Eigen::MatrixXd::Random(n, count));
-    for (int i = 0; i < 3; ++i) v = Orthonormal(factor.solve(v));
+    Eigen::MatrixXd v = Orthonormalised(Eigen::MatrixXd::Random(n, count));
+    for (int i = 0; i < 3; ++i) v = Orthonormalised(factor.solve(v));
     shifted.diagonal() = unit_diagonal_;
     Eigen::VectorXd moves = Eigen::VectorXd::Zero(n);
     const Eigen::VectorXd value = (v.transpose() * shifted * v).diagonal().cwiseAbs();
@@ -347,29 +330,7 @@ void Dispersion::ApplyCondition(const std::vector<int>& which, const Eigen::Vect
   block = scale.asDiagonal() * block * scale.asDiagonal();
   const Eigen::VectorXd factor = scale.cwiseProduct(block.ldlt().solve(scale.cwiseProduct(change)));
   const Eigen::VectorXd step = columns * factor;
-  for (std::size_t c = 0; c < index_.camera.size(); ++c) {
-    CameraVector values = network->cameras[c].values();
-    for (int k = 0; k < kNumCameraUnknowns; ++k) {
-      if (index_.camera[c][k] >= 0) values[k] += step[index_.camera[c][k]];
-    }
-    network->cameras[c].set_values(values);
-  }
-  for (std::size_t p = 0; p < index_.pose.size(); ++p) {
-    if (index_.pose[p] < 0) continue;
-    Rigid3& pose = network->poses[p].transform;
-    pose.rotation = RotationFromVector(step.segment<3>(index_.pose[p])) * pose.rotation;
-    pose.translation_mm += step.segment<3>(index_.pose[p] + 3);
-  }
-  for (std::size_t i = 0; i < index_.interface.size(); ++i) {
-    Eigen::Vector3d values = network->interfaces[i].values();
-    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
-      if (index_.interface[i][k] >= 0) values[k] += step[index_.interface[i][k]];
-    }
-    network->interfaces[i].set_values(values);
-  }
-  for (std::size_t p = 0; p < index_.point.size(); ++p) {
-    if (index_.point[p] >= 0) network->points[p].position_mm += step.segment<3>(index_.point[p]);
-  }
+  MoveUnknowns(index_, step, network);
 }
 
 }  // namespace videogrammetry

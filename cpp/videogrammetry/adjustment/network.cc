@@ -167,6 +167,32 @@ UnknownIndex::UnknownIndex(const Network& network) {
   }
 }
 
+void MoveUnknowns(const UnknownIndex& index, const Eigen::VectorXd& step, Network* network) {
+  for (std::size_t c = 0; c < index.camera.size(); ++c) {
+    CameraVector values = network->cameras[c].values();
+    for (int k = 0; k < kNumCameraUnknowns; ++k) {
+      if (index.camera[c][k] >= 0) values[k] += step[index.camera[c][k]];
+    }
+    network->cameras[c].set_values(values);
+  }
+  for (std::size_t p = 0; p < index.pose.size(); ++p) {
+    if (index.pose[p] < 0) continue;
+    Rigid3& pose = network->poses[p].transform;
+    pose.rotation = RotationFromVector(step.segment<3>(index.pose[p])) * pose.rotation;
+    pose.translation_mm += step.segment<3>(index.pose[p] + 3);
+  }
+  for (std::size_t i = 0; i < index.interface.size(); ++i) {
+    Eigen::Vector3d values = network->interfaces[i].values();
+    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
+      if (index.interface[i][k] >= 0) values[k] += step[index.interface[i][k]];
+    }
+    network->interfaces[i].set_values(values);
+  }
+  for (std::size_t p = 0; p < index.point.size(); ++p) {
+    if (index.point[p] >= 0) network->points[p].position_mm += step.segment<3>(index.point[p]);
+  }
+}
+
 std::vector<std::string> UnknownNames(const Network& network, const UnknownIndex& index) {
   static constexpr std::array<const char*, 6> kPose = {" rx", " ry", " rz", " tx", " ty", " tz"};
   static constexpr std::array<const char*, 3> kPoint = {" x", " y", " z"};

@@ -230,6 +230,9 @@ struct UnknownIndex {
   int num_unknowns = 0;
 };
 
+/// Adds a step to the unknowns; a pose turns by its rotation vector.
+void MoveUnknowns(const UnknownIndex& index, const Eigen::VectorXd& step, Network* network);
+
 /// "left A1", "stage 3 rx", "point 7 x": the name of an unknown.
 std::string UnknownName(const Network& network, const UnknownIndex& index, int unknown);
 /// The names of all unknowns, in order.

@@ -1,99 +1,24 @@
 #include "videogrammetry/adjustment/normal_equations.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "videogrammetry/adjustment/observation_model.h"
-
 namespace videogrammetry {
-namespace {
 
-// Below this share of its unit diagonal a pivot is rounding: about 1e4 times
-// the double's epsilon, and far under what a solvable network shows (1e-9).
-constexpr double kRankTolerance = 1e-12;
-
-[[noreturn]] void ThrowSingularBlock(const Network& network, const UnknownIndex& index,
-                                     int unknown) {
-  for (std::size_t p = 0; p < network.points.size(); ++p) {
-    const int first = index.point[p];
-    if (first < 0 || unknown < first || unknown >= first + 3) continue;
-    throw UndeterminedPointError(
-        "point " + std::to_string(network.points[p].id) +
-            " is not determined: too few pictures see it, or all along one line",
-        static_cast<int>(p));
-  }
-  throw AdjustmentError(
-      "the observations do not determine all unknowns (rank defect); free to move: " +
-      UnknownName(network, index, unknown));
-}
-
-ImageRow MakeRow(const Network& network, int image_index, const UnknownIndex& index, int point,
-                 const std::optional<Eigen::Vector2d>& pixel, const ImagePointJacobians& j) {
-  const NetworkImage& image = network.images[image_index];
-  ImageRow row;
-  if (!pixel) return row;
-  row.valid = true;
-  row.pixel = *pixel;
-  auto add = [&](int unknown, const Eigen::Vector2d& column) {
-    row.design.col(row.size) = column;
-    row.unknown[row.size++] = unknown;
-  };
-  for (int k = 0; k < kNumCameraUnknowns; ++k) {
-    const int u = index.camera[image.camera][k];
-    if (u >= 0) add(u, j.by_camera.col(k));
-  }
-  const int outer = image.outer < 0 ? -1 : index.pose[image.outer], inner = index.pose[image.inner];
-  for (int k = 0; outer >= 0 && k < 6; ++k) add(outer + k, j.by_outer.col(k));
-  for (int k = 0; inner >= 0 && k < 6; ++k) add(inner + k, j.by_inner.col(k));
-  const int window = network.cameras[image.camera].interface;
-  if (window >= 0) {
-    Eigen::Matrix<double, 3, 2> normal_by_tilt;
-    network.interfaces[window].surface(&normal_by_tilt);
-    Eigen::Matrix<double, 2, kNumInterfaceUnknowns> by_interface;
-    by_interface << j.by_normal * normal_by_tilt, j.by_distance;
-    for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
-      const int u = index.interface[window][k];
-      if (u >= 0) add(u, by_interface.col(k));
+int FindRuns(const Elimination& elimination, const int* unknown, int size, UnknownRun* runs) {
+  int count = 0;
+  for (int k = 0; k < size; ++k) {
+    const int block = elimination.block_of[unknown[k]], place = elimination.place[unknown[k]];
+    if (count > 0 && runs[count - 1].block == block && unknown[k] == unknown[k - 1] + 1 &&
+        place == runs[count - 1].place + runs[count - 1].size) {
+      ++runs[count - 1].size;
+    } else {
+      runs[count++] = {k, 1, block, place};
     }
   }
-  for (int k = 0; index.point[point] >= 0 && k < 3; ++k) {
-    add(index.point[point] + k, j.by_point.col(k));
-  }
-  return row;
-}
-
-}  // namespace
-
-ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image,
-                             int point, const Eigen::Vector2d& velocity_px) {
-  ImagePointJacobians j;
-  const auto pixel = PredictImagePoint(network, image, point, velocity_px, &j);
-  return MakeRow(network, image, index, point, pixel, j);
-}
-
-ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
-                              const NetworkObservation& o) {
-  ImagePointJacobians j;
-  const auto pixel = PredictObservation(network, o, &j);
-  return MakeRow(network, o.image, index, o.point, pixel, j);
-}
-
-BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar) {
-  const Eigen::Vector3d between =
-      network.points[bar.a].position_mm - network.points[bar.b].position_mm;
-  BarRow row;
-  row.length_mm = between.norm();
-  const Eigen::Vector3d along = between / std::max(row.length_mm, 1e-300);
-  for (const auto& [point, sign] : {std::pair(bar.a, 1.0), std::pair(bar.b, -1.0)}) {
-    for (int k = 0; index.point[point] >= 0 && k < 3; ++k) {
-      row.design[row.size] = sign * along[k];
-      row.unknown[row.size++] = index.point[point] + k;
-    }
-  }
-  return row;
+  return count;
 }
 
 int NormalEquations::Block::Column(int reduced_place) const {
@@ -103,17 +28,18 @@ int NormalEquations::Block::Column(int reduced_place) const {
 }
 
 NormalEquations::NormalEquations(const Network& network, const UnknownIndex& index,
-                                 const Elimination& elimination)
-    : elimination_(elimination) {
+                                 const Elimination& elimination, const NormalOptions& options)
+    : elimination_(elimination), options_(options) {
   const Eigen::Index u = static_cast<Eigen::Index>(elimination.reduced.size());
   reduced = Eigen::MatrixXd::Zero(u, u);
+  gradient = Eigen::VectorXd::Zero(index.num_unknowns);
   FindColumns(network, index);
   AddImagePoints(network, index);
   AddBars(network, index);
   AddPointPriors(network, index);
-  AddPriorBlock(network, index);
   AddCameraPriors(network, index);
   AddInterfacePriors(network, index);
+  Damp();
   diagonal = reduced.diagonal();
   Eliminate(network, index);
 }
@@ -165,52 +91,129 @@ void NormalEquations::FindColumns(const Network& network, const UnknownIndex& in
 }
 
 void NormalEquations::Add(const int* unknown, int size,
-                          const Eigen::Ref<const Eigen::MatrixXd>& normal) {
-  std::array<int, ImageRow::kMaxUnknowns> column;  // in the block, of reduced unknowns
+                          const Eigen::Ref<const Eigen::MatrixXd>& normal,
+                          const Eigen::Ref<const Eigen::VectorXd>& right) {
+  std::array<UnknownRun, ImageRow::kMaxUnknowns> runs;
+  const int count = FindRuns(elimination_, unknown, size, runs.data());
   Block* block = nullptr;
-  for (int i = 0; i < size; ++i) {
-    const int b = elimination_.block_of[unknown[i]];
-    if (b >= 0) block = &blocks[b];
+  for (int k = 0; k < count; ++k) {
+    const UnknownRun& run = runs[k];
+    gradient.segment(unknown[run.row], run.size) += right.segment(run.row, run.size);
+    if (run.block >= 0) block = &blocks[run.block];
   }
-  for (int i = 0; block != nullptr && i < size; ++i) {
-    if (elimination_.block_of[unknown[i]] >= 0) continue;
-    const int place = elimination_.place[unknown[i]];
-    const bool next = i > 0 && elimination_.block_of[unknown[i - 1]] < 0 &&
-                      elimination_.place[unknown[i - 1]] + 1 == place;
-    column[i] = next ? column[i - 1] + 1 : block->Column(place);
-  }
-  for (int j = 0; j < size; ++j) {
-    const bool j_out = elimination_.block_of[unknown[j]] >= 0;
-    const int place_j = elimination_.place[unknown[j]];
-    for (int i = 0; i < size; ++i) {
-      const int place_i = elimination_.place[unknown[i]];
-      const bool i_out = elimination_.block_of[unknown[i]] >= 0;
-      if (!i_out && !j_out) {
-        if (place_i >= place_j) reduced(place_i, place_j) += normal(i, j);
-      } else if (i_out && j_out) {
-        block->normal(place_i, place_j) += normal(i, j);
-      } else if (i_out) {
-        block->coupling(place_i, column[j]) += normal(i, j);
+  for (int j = 0; j < count; ++j) {
+    const UnknownRun& b = runs[j];
+    const int column = block != nullptr && b.block < 0 ? block->Column(b.place) : -1;
+    for (int i = 0; i < count; ++i) {
+      const UnknownRun& a = runs[i];
+      const auto part = normal.block(a.row, b.row, a.size, b.size);
+      if (a.block >= 0 && b.block >= 0) {
+        block->normal.block(a.place, b.place, a.size, b.size) += part;
+      } else if (a.block >= 0) {
+        block->coupling.block(a.place, column, a.size, b.size) += part;
+      } else if (b.block < 0 && a.place >= b.place) {
+        reduced.block(a.place, b.place, a.size, b.size) += part;
       }
     }
   }
 }
 
+double NormalEquations::LossWeight(double square) {
+  weighted_squares += square;
+  if (!(options_.cauchy_scale > 0)) {
+    cost += square;
+    return 1.0;
+  }
+  const double scale2 = options_.cauchy_scale * options_.cauchy_scale;
+  cost += scale2 * std::log1p(square / scale2);
+  return 1.0 / (1.0 + square / scale2);
+}
+
+/// Rows of consecutive observations that meet the same camera and poses: their common part
+/// goes into the normal equations as one product.
+struct NormalEquations::CommonRows {
+  static constexpr int kCapacity = 128;
+  std::array<int, ImageRow::kMaxUnknowns> unknown;
+  int size = 0, count = 0;
+  Eigen::Matrix<double, ImageRow::kMaxUnknowns, Eigen::Dynamic> design, weighted;
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(ImageRow::kMaxUnknowns);
+
+  CommonRows() : design(ImageRow::kMaxUnknowns, kCapacity), weighted(design) {}
+  bool Fits(const ImageRow& row, int common) const {
+    return count + 2 <= kCapacity && common == size &&
+           std::equal(unknown.begin(), unknown.begin() + size, row.unknown.begin());
+  }
+};
+
+void NormalEquations::Flush(CommonRows* rows) {
+  if (rows->count > 0) {
+    const Eigen::MatrixXd normal =
+        rows->design.topLeftCorner(rows->size, rows->count) *
+        rows->weighted.topLeftCorner(rows->size, rows->count).transpose();
+    Add(rows->unknown.data(), rows->size, normal, rows->right.head(rows->size));
+  }
+  rows->count = 0;
+  rows->right.setZero();
+}
+
 void NormalEquations::AddImagePoints(const Network& network, const UnknownIndex& index) {
-  Eigen::MatrixXd normal(ImageRow::kMaxUnknowns, ImageRow::kMaxUnknowns);
+  CommonRows rows;
   for (const NetworkObservation& o : network.observations) {
     if (!o.used) continue;
     const ImageRow row = LineariseObservation(network, index, o);
-    if (!row.valid) continue;
-    const Eigen::Matrix2d weight = network.TotalCov(o).inverse();
+    if (!row.valid) {
+      ++num_invalid;
+      continue;
+    }
+    Eigen::Matrix2d weight = network.TotalCov(o).inverse();
     const Eigen::Vector2d residual = o.xy_px - row.pixel;
     num_observations += 2;
-    weighted_squares += residual.dot(weight * residual);
-    const auto design = row.design.leftCols(row.size);
+    weight *= LossWeight(residual.dot(weight * residual));
     const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns> weighted = weight * row.design;
-    normal.topLeftCorner(row.size, row.size) =
-        design.transpose().lazyProduct(weighted.leftCols(row.size));
-    Add(row.unknown.data(), row.size, normal.topLeftCorner(row.size, row.size));
+    const int first = index.point[o.point];  // the point's unknowns come last
+    const int common = row.size - (first >= 0 ? 3 : 0);
+    if (!rows.Fits(row, common)) {
+      Flush(&rows);
+      rows.unknown = row.unknown;
+      rows.size = common;
+    }
+    rows.design.block(0, rows.count, common, 2) = row.design.leftCols(common).transpose();
+    rows.weighted.block(0, rows.count, common, 2) = weighted.leftCols(common).transpose();
+    rows.count += 2;
+    rows.right.head(common) += weighted.leftCols(common).transpose() * residual;
+    if (first >= 0) AddToPoint(row, weighted, residual);
+  }
+  Flush(&rows);
+}
+
+void NormalEquations::AddToPoint(const ImageRow& row,
+                                 const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns>& weighted,
+                                 const Eigen::Vector2d& residual) {
+  const int common = row.size - 3, first = row.unknown[common];
+  const Eigen::Matrix<double, 2, 3> by_point = row.design.middleCols<3>(common);
+  const Eigen::Matrix<double, 2, 3> weighted_point = weighted.middleCols<3>(common);
+  const Eigen::Matrix3d own = by_point.transpose() * weighted_point;
+  gradient.segment<3>(first) += weighted_point.transpose() * residual;
+  const int block = elimination_.block_of[first], place = elimination_.place[first];
+  if (block >= 0) {
+    blocks[block].normal.block<3, 3>(place, place) += own;
+  } else {
+    reduced.block<3, 3>(place, place) += own;
+  }
+  std::array<UnknownRun, ImageRow::kMaxUnknowns> runs;
+  const int count = FindRuns(elimination_, row.unknown.data(), common, runs.data());
+  for (int k = 0; k < count; ++k) {
+    const UnknownRun& run = runs[k];
+    const Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, ImageRow::kMaxUnknowns> across =
+        weighted_point.transpose().lazyProduct(row.design.middleCols(run.row, run.size));
+    if (block >= 0) {  // (no run then is in a block)
+      blocks[block].coupling.block(place, blocks[block].Column(run.place), 3, run.size) += across;
+    } else if (run.block >= 0) {
+      Block& other = blocks[run.block];
+      other.coupling.block(run.place, other.Column(place), run.size, 3) += across.transpose();
+    } else {
+      reduced.block(place, run.place, 3, run.size) += across;  // points come last
+    }
   }
 }
 
@@ -218,30 +221,37 @@ void NormalEquations::AddBars(const Network& network, const UnknownIndex& index)
   for (const NetworkScaleBar& bar : network.scale_bars) {
     if (!bar.used) continue;
     const BarRow row = LineariseBar(network, index, bar);
-    const double weight = 1 / (bar.sigma_mm * bar.sigma_mm);
+    double weight = 1 / (bar.sigma_mm * bar.sigma_mm);
+    const double residual_mm = bar.length_mm - row.length_mm;
     const auto design = row.design.leftCols(row.size);
     num_prior += 1;
-    bar_squares += weight * std::pow(bar.length_mm - row.length_mm, 2);
-    Add(row.unknown.data(), row.size, weight * design.transpose() * design);
+    bar_squares += weight * residual_mm * residual_mm;
+    weight *= LossWeight(weight * residual_mm * residual_mm);
+    Add(row.unknown.data(), row.size, weight * design.transpose() * design,
+        weight * residual_mm * design.transpose());
   }
-  weighted_squares += bar_squares;
 }
 
 void NormalEquations::AddPointPriors(const Network& network, const UnknownIndex& index) {
+  // Robustly each by itself, for a loss judges one residual as a whole.
+  const bool together = !(options_.cauchy_scale > 0);
   std::vector<bool> in_block(network.points.size(), false);
-  for (const int p : network.prior_block.points) in_block[p] = true;
+  for (const int p : network.prior_block.points) in_block[p] = together;
   for (std::size_t i = 0; i < network.points.size(); ++i) {
     const NetworkPoint& p = network.points[i];
     if (!p.is_observed()) continue;
     num_prior += 3;
     if (in_block[i]) continue;
-    const Eigen::Matrix3d weight = p.prior_cov_mm2.inverse();
+    Eigen::Matrix3d weight = p.prior_cov_mm2.inverse();
     const Eigen::Vector3d residual = p.prior_mm - p.position_mm;
     const int first = index.point[i];
     const std::array<int, 3> unknown = {first, first + 1, first + 2};
-    Add(unknown.data(), 3, weight);
-    point_squares += residual.dot(weight * residual);
+    const double square = residual.dot(weight * residual);
+    point_squares += square;
+    weight *= LossWeight(square);
+    Add(unknown.data(), 3, weight, weight * residual);
   }
+  if (together) AddPriorBlock(network, index);
 }
 
 void NormalEquations::AddPriorBlock(const Network& network, const UnknownIndex& index) {
@@ -263,8 +273,27 @@ void NormalEquations::AddPriorBlock(const Network& network, const UnknownIndex& 
           block.weight_per_mm2(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
     }
   }
-  point_squares += residual.dot(block.weight_per_mm2 * residual);
-  weighted_squares += point_squares;
+  const Eigen::VectorXd right = block.weight_per_mm2 * residual;
+  for (std::size_t i = 0; i < block.points.size(); ++i) {
+    const int first = index.point[block.points[i]];
+    if (first >= 0) {
+      gradient.segment<3>(first) += right.segment<3>(3 * static_cast<Eigen::Index>(i));
+    }
+  }
+  const double square = residual.dot(right);
+  point_squares += square;
+  weighted_squares += square;
+  cost += square;
+}
+
+void NormalEquations::AddPrior(int unknown, double residual, double sigma) {
+  const double weight = 1 / (sigma * sigma), square = weight * residual * residual;
+  const int place = elimination_.place[unknown];
+  reduced(place, place) += weight;
+  gradient[unknown] += weight * residual;
+  num_prior += 1;
+  weighted_squares += square;
+  cost += square;
 }
 
 void NormalEquations::AddCameraPriors(const Network& network, const UnknownIndex& index) {
@@ -274,10 +303,7 @@ void NormalEquations::AddCameraPriors(const Network& network, const UnknownIndex
     for (int k = 0; k < kNumCameraUnknowns; ++k) {
       const int u = index.camera[c][k];
       if (u < 0 || !(camera.prior_sigma[k] > 0)) continue;
-      const double sigma = camera.prior_sigma[k];
-      reduced(elimination_.place[u], elimination_.place[u]) += 1 / (sigma * sigma);
-      num_prior += 1;
-      weighted_squares += std::pow((camera.start[k] - values[k]) / sigma, 2);
+      AddPrior(u, camera.start[k] - values[k], camera.prior_sigma[k]);
     }
   }
 }
@@ -289,36 +315,14 @@ void NormalEquations::AddInterfacePriors(const Network& network, const UnknownIn
     for (int k = 0; k < kNumInterfaceUnknowns; ++k) {
       const int u = index.interface[i][k];
       if (u < 0 || !(window.prior_sigma[k] > 0)) continue;
-      const double sigma = window.prior_sigma[k];
-      reduced(elimination_.place[u], elimination_.place[u]) += 1 / (sigma * sigma);
-      num_prior += 1;
-      weighted_squares += std::pow(change[k] / sigma, 2);
+      AddPrior(u, change[k], window.prior_sigma[k]);
     }
   }
 }
 
-void NormalEquations::Eliminate(const Network& network, const UnknownIndex& index) {
-  for (std::size_t b = 0; b < blocks.size(); ++b) {
-    Block& block = blocks[b];
-    const Eigen::VectorXd scale = block.normal.diagonal().cwiseSqrt().cwiseInverse();
-    const Eigen::LLT<Eigen::MatrixXd> factor(scale.asDiagonal() * block.normal *
-                                             scale.asDiagonal());
-    if (!scale.allFinite() || factor.info() != Eigen::Success ||
-        factor.matrixLLT().diagonal().cwiseAbs2().minCoeff() < kRankTolerance) {
-      ThrowSingularBlock(network, index, elimination_.blocks[b].front());
-    }
-    const Eigen::Index size = scale.size();
-    block.inverse = scale.asDiagonal() * factor.solve(Eigen::MatrixXd::Identity(size, size)) *
-                    scale.asDiagonal();
-    block.y.noalias() = block.inverse * block.coupling;
-    for (std::size_t j = 0; j < block.columns.size(); ++j) {
-      const Eigen::Index column = static_cast<Eigen::Index>(j);
-      for (Eigen::Index i = column; i < block.y.cols(); ++i) {
-        reduced(block.columns[static_cast<std::size_t>(i)], block.columns[j]) -=
-            block.y.col(i).dot(block.coupling.col(column));
-      }
-    }
-  }
+void NormalEquations::Damp() {
+  reduced.diagonal() *= 1 + options_.damping;
+  for (Block& block : blocks) block.normal.diagonal() *= 1 + options_.damping;
 }
 
 }  // namespace videogrammetry

@@ -2,14 +2,20 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "videogrammetry/adjustment/elimination.h"
+#include "videogrammetry/adjustment/linearise.h"
 #include "videogrammetry/adjustment/network.h"
 #include "videogrammetry/core/errors.h"
 
 namespace videogrammetry {
+
+/// Below this share of its unit diagonal a pivot is rounding: about 1e4 times
+/// the double's epsilon, and far under what a solvable network shows (1e-9).
+constexpr double kRankTolerance = 1e-12;
 
 /// The observations do not determine a point's position.
 class UndeterminedPointError : public AdjustmentError {
@@ -23,29 +29,30 @@ class UndeterminedPointError : public AdjustmentError {
   int point_;
 };
 
-/// An image point's derivatives by the unknowns that are estimated.
-struct ImageRow {
-  static constexpr int kMaxUnknowns = kNumCameraUnknowns + 6 + 6 + kNumInterfaceUnknowns + 3;
-  bool valid = false;  ///< false: the point has no picture
+/// Unknowns of a row of the design that lie next to each other in one block or in the
+/// reduced vector (block -1).
+struct UnknownRun {
+  int row = 0;  ///< the first one's place in the row
   int size = 0;
-  std::array<int, kMaxUnknowns> unknown;
-  Eigen::Matrix<double, 2, kMaxUnknowns> design;  ///< first `size` columns
-  Eigen::Vector2d pixel;
+  int block = -1;
+  int place = 0;  ///< the first one's, in its block or the reduced vector
 };
-ImageRow LineariseImagePoint(const Network& network, const UnknownIndex& index, int image,
-                             int point, const Eigen::Vector2d& velocity_px);
-/// The same of an observation, with what its residual is counted from (PredictObservation).
-ImageRow LineariseObservation(const Network& network, const UnknownIndex& index,
-                              const NetworkObservation& observation);
+/// Splits `size` unknowns into runs, at most `size` of them; returns their number.
+int FindRuns(const Elimination& elimination, const int* unknown, int size, UnknownRun* runs);
 
-/// A scale bar's predicted length and its derivatives by the unknowns.
-struct BarRow {
-  int size = 0;
-  std::array<int, 6> unknown;
-  Eigen::Matrix<double, 1, 6> design;
-  double length_mm = 0.0;
+/// Lower triangle of the reduced normal equations scaled to a unit diagonal (before the
+/// elimination), made regular along the null space's columns.
+Eigen::MatrixXd ScaledReduced(const Eigen::MatrixXd& reduced, const Eigen::VectorXd& diagonal,
+                              const Elimination& elimination, const Eigen::MatrixXd& null_space);
+
+/// How normal equations are made while an adjustment is on its way.
+struct NormalOptions {
+  /// Scale of Cauchy's loss in standard deviations; 0 = least squares. Every image point, bar
+  /// and a-priori position gets the weight 1 / (1 + v'Pv / scale^2).
+  double cauchy_scale = 0.0;
+  /// Share by which the diagonal is raised (Levenberg-Marquardt).
+  double damping = 0.0;
 };
-BarRow LineariseBar(const Network& network, const UnknownIndex& index, const NetworkScaleBar& bar);
 
 /// Normal equations N = A'PA of a network at its present values, with blocks
 /// of unknowns b eliminated (Elimination):
@@ -65,12 +72,19 @@ struct NormalEquations {
 
   /// @throws AdjustmentError if a block is singular, naming it; of a point
   ///     UndeterminedPointError.
-  NormalEquations(const Network& network, const UnknownIndex& index,
-                  const Elimination& elimination);
+  NormalEquations(const Network& network, const UnknownIndex& index, const Elimination& elimination,
+                  const NormalOptions& options = {});
+
+  /// Answer dx to N dx = A'Pv, of every unknown in order, free of the null space's directions;
+  /// nullopt where N is singular.
+  std::optional<Eigen::VectorXd> Solve(const Eigen::MatrixXd& null_space, int num_threads) const;
 
   Eigen::MatrixXd reduced;   ///< S, lower triangle
   Eigen::VectorXd diagonal;  ///< of N_rr, before the elimination
   std::vector<Block> blocks;
+  Eigen::VectorXd gradient;       ///< A'Pv of every unknown, before the elimination
+  double cost = 0.0;              ///< v'Pv, or the sum of the loss
+  int num_invalid = 0;            ///< used image points without a picture; they take no part
   int num_observations = 0;       ///< used image coordinates
   int num_prior = 0;              ///< a-priori coordinates, parameters and scale bars
   double weighted_squares = 0.0;  ///< v'Pv of everything
@@ -83,13 +97,26 @@ struct NormalEquations {
   void AddBars(const Network& network, const UnknownIndex& index);
   void AddPointPriors(const Network& network, const UnknownIndex& index);
   void AddPriorBlock(const Network& network, const UnknownIndex& index);
+  /// Adds the a-priori value of an unknown that is not eliminated, in no loss.
+  void AddPrior(int unknown, double residual, double sigma);
   void AddCameraPriors(const Network& network, const UnknownIndex& index);
   void AddInterfacePriors(const Network& network, const UnknownIndex& index);
-  /// Adds a symmetric matrix over some unknowns.
-  void Add(const int* unknown, int size, const Eigen::Ref<const Eigen::MatrixXd>& normal);
+  /// Adds a symmetric matrix over some unknowns, and the right-hand side.
+  void Add(const int* unknown, int size, const Eigen::Ref<const Eigen::MatrixXd>& normal,
+           const Eigen::Ref<const Eigen::VectorXd>& right);
+  struct CommonRows;
+  void Flush(CommonRows* rows);
+  /// The parts of an image point's row that belong to its point's unknowns.
+  void AddToPoint(const ImageRow& row,
+                  const Eigen::Matrix<double, 2, ImageRow::kMaxUnknowns>& weighted,
+                  const Eigen::Vector2d& residual);
+  /// Weight by the loss of an observation with this v'Pv, which it counts.
+  double LossWeight(double square);
+  void Damp();
   void Eliminate(const Network& network, const UnknownIndex& index);
 
   const Elimination& elimination_;
+  NormalOptions options_;
 };
 
 }  // namespace videogrammetry

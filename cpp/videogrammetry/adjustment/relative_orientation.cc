@@ -8,9 +8,11 @@
 #include <random>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "videogrammetry/adjustment/five_point.h"
 #include "videogrammetry/adjustment/homography.h"
+#include "videogrammetry/core/median.h"
 
 namespace videogrammetry {
 namespace {
@@ -116,11 +118,7 @@ RelativePose Judge(const Rays& rays, const Rigid3& pose, double threshold_px, bo
     }
   }
   result.cost_px2 /= static_cast<double>(rays.a.rows());
-  if (!angles.empty()) {
-    const auto middle = angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2);
-    std::nth_element(angles.begin(), middle, angles.end());
-    result.convergence_rad = *middle;
-  }
+  if (!angles.empty()) result.convergence_rad = Median(std::move(angles));
   return result;
 }
 
@@ -238,13 +236,6 @@ void Refine(const Rays& rays, double scale_px, double limit_px, Rigid3* pose) {
     damping = std::max(1e-9, damping / 10);
     if (done) return;
   }
-}
-
-/// Median of the squares.
-double Median(std::vector<double> squares) {
-  const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
-  std::nth_element(squares.begin(), middle, squares.end());
-  return *middle;
 }
 
 /// Standard deviation of an image coordinate from the median of the inliers' distances.

@@ -195,7 +195,7 @@ bool RefinePose(const Eigen::Ref<const Points3d>& points_mm,
       if (damping > 1e6) break;
       continue;
     }
-    const bool done = system.loss - after.loss < 1e-9 * system.loss;
+    const bool done = system.loss - after.loss < 1e-6 * system.loss;
     *cam_from_object = trial;
     system = after;
     damping = std::max(1e-9, damping / 10);

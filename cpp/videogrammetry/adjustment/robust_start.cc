@@ -7,6 +7,7 @@
 #include "videogrammetry/adjustment/datum.h"
 #include "videogrammetry/adjustment/observation_model.h"
 #include "videogrammetry/core/errors.h"
+#include "videogrammetry/core/median.h"
 
 namespace videogrammetry {
 namespace {
@@ -52,11 +53,10 @@ void ScaleToBars(Network* network) {
     if (bar.used && length_mm > 0) ratios.push_back(bar.length_mm / length_mm);
   }
   if (ratios.empty()) return;
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  for (NetworkPoint& p : network->points) p.position_mm *= *middle;
+  const double scale = Median(std::move(ratios));
+  for (NetworkPoint& p : network->points) p.position_mm *= scale;
   for (NetworkPose& p : network->poses) {
-    if (p.free) p.transform.translation_mm *= *middle;
+    if (p.free) p.transform.translation_mm *= scale;
   }
 }
 
@@ -71,12 +71,10 @@ double RobustSigmaZero(const Network& network,
     for (int k = 0; k < 2; ++k) sizes.push_back(std::abs(residuals[i].residual_px[k] / sigma[k]));
   }
   if (sizes.empty()) return 1.0;
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), middle, sizes.end());
   const double n = static_cast<double>(sizes.size());
   const double redundancy = std::max(n - UnknownIndex(network).num_unknowns, 0.1 * n);
   // Not 0 of exact pictures: rounding is no noise.
-  return std::max(1.4826 * *middle * std::sqrt(n / redundancy), 1e-4);
+  return std::max(1.4826 * Median(std::move(sizes)) * std::sqrt(n / redundancy), 1e-4);
 }
 
 /// Scale bars and a-priori positions beyond `limit` standard deviations, those of the
@@ -135,26 +133,8 @@ void SetPriorsAside(Network* network, double limit) {
   network->prior_block.Update(network->points);
 }
 
-}  // namespace
-
-BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
-  const bool by_bars = ScaleIsOfBars(*network);
-  const std::vector<NetworkScaleBar> bars = network->scale_bars;
-  if (by_bars) {
-    ScaleToBars(network);
-    *network = WithoutBars(*network);
-  }
-  BundleOptions bundle;
-  bundle.near_solution = false;
-  bundle.cauchy_scale = 3.0;
-  // Rough, for what follows begins anew with other weights.
-  bundle.function_tolerance = 1e-3;
-  bundle.num_threads = options.num_threads;
-  std::vector<double> floors(network->cameras.size(), kStartFloorPx);
-  for (const NetworkCamera& c : network->cameras) {
-    floors[&c - network->cameras.data()] = std::max(kStartFloorPx, c.floor_px);
-  }
-  SetFloors(network, floors);
+/// Of the cameras only f and A1, of windows nothing: what rough poses and points do not mislead.
+void SolveRoughly(Network* network, const BundleOptions& bundle) {
   std::vector<CameraMask> wanted;
   for (NetworkCamera& c : network->cameras) {
     wanted.push_back(c.free);
@@ -169,10 +149,40 @@ BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
     network->interfaces[i].free = wanted_of_windows[i];
   }
   for (std::size_t c = 0; c < wanted.size(); ++c) network->cameras[c].free = wanted[c];
+}
+
+}  // namespace
+
+BundleSummary RobustStart(Network* network, const AdjustOptions& options) {
+  const bool by_bars = ScaleIsOfBars(*network);
+  const std::vector<NetworkScaleBar> bars = network->scale_bars;
+  if (by_bars) {
+    ScaleToBars(network);
+    *network = WithoutBars(*network);
+  }
+  BundleOptions bundle;
+  bundle.near_solution = false;
+  bundle.cauchy_scale = 3.0;
+  // Rough, for what follows begins anew with other weights.
+  bundle.function_tolerance = 1e-3;
+  // (a hundredth of the start's floor, which is far above the points' noise)
+  bundle.least_decrease = 2e-4 * static_cast<double>(network->observations.size());
+  bundle.num_threads = options.num_threads;
+  std::vector<double> floors(network->cameras.size(), kStartFloorPx);
+  for (const NetworkCamera& c : network->cameras) {
+    floors[&c - network->cameras.data()] = std::max(kStartFloorPx, c.floor_px);
+  }
+  SetFloors(network, floors);
+  // Where most points already lie within the floor, all parameters may move at once.
+  const std::vector<double> scatter = RobustFloors(*network, PlainResiduals(*network));
+  const bool rough = !std::all_of(scatter.begin(), scatter.end(),
+                                  [](double floor_px) { return floor_px < kStartFloorPx; });
+  if (rough) SolveRoughly(network, bundle);
   BundleSummary summary = SolveBundle(network, bundle);
   SetFloors(network, RobustFloors(*network, PlainResiduals(*network)));
   bundle.near_solution = true;
   bundle.function_tolerance = 1e-6;
+  bundle.least_decrease = BundleOptions().least_decrease;
   summary = SolveBundle(network, bundle);
   network->scale_bars = bars;
   if (by_bars) ScaleToBars(network);

@@ -12,12 +12,34 @@ namespace {
 // A coordinate that nothing else checks (redundancy 0) cannot be tested.
 constexpr double kTestable = 1e-6;
 
+std::vector<int> RunOf(const int* unknown, const UnknownRun& run) {
+  return {unknown + run.row, unknown + run.row + run.size};
+}
+
 }  // namespace
 
 Eigen::MatrixXd Dispersion::CovOfMet(const int* unknown, int size) const {
   Eigen::MatrixXd q(size, size);
-  for (int j = 0; j < size; ++j) {
-    for (int i = j; i < size; ++i) q(i, j) = q(j, i) = CovOf(unknown[i], unknown[j]);
+  std::array<UnknownRun, ImageRow::kMaxUnknowns> runs;
+  const int count = FindRuns(elimination_, unknown, size, runs.data());
+  for (int j = 0; j < count; ++j) {
+    const UnknownRun& b = runs[j];
+    for (int i = 0; i < count; ++i) {
+      const UnknownRun& a = runs[i];
+      auto part = q.block(a.row, b.row, a.size, b.size);
+      if (a.block < 0 && b.block < 0) {
+        part = cov_.block(a.place, b.place, a.size, b.size);
+      } else if (a.block == b.block) {
+        part = block_cov_[a.block].own.block(a.place, b.place, a.size, b.size);
+      } else if (a.block >= 0 && b.block < 0 && normal_.blocks[a.block].Column(b.place) >= 0) {
+        const int column = normal_.blocks[a.block].Column(b.place);
+        part = block_cov_[a.block].by_columns.block(a.place, column, a.size, b.size);
+        q.block(b.row, a.row, b.size, a.size) = part.transpose();
+      } else if (a.block >= 0) {  // not met by any observation
+        part = Covariance(RunOf(unknown, a), RunOf(unknown, b));
+        q.block(b.row, a.row, b.size, a.size) = part.transpose();
+      }
+    }
   }
   return q;
 }
@@ -34,7 +56,7 @@ std::vector<ObservationStatistics> Dispersion::Statistics() const {
     const Eigen::Matrix2d total = network_.TotalCov(o), weight = total.inverse();
     const auto design = row.design.leftCols(row.size);
     const Eigen::Matrix2d adjusted =
-        design * CovOfMet(row.unknown.data(), row.size) * design.transpose();
+        design.lazyProduct(CovOfMet(row.unknown.data(), row.size)).eval() * design.transpose();
     s.weighted_square = s.residual_px.dot(weight * s.residual_px);
     if (!o.used) {
       s.normalised = s.residual_px.array() / (total + adjusted).diagonal().array().sqrt();

@@ -4,15 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "videogrammetry/core/median.h"
+
 namespace videogrammetry {
 namespace {
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// One camera's residuals: what a trial floor is judged by.
 struct Sample {
@@ -114,6 +109,7 @@ std::vector<double> RobustFloors(const Network& network,
   }
   std::vector<double> floors(network.cameras.size(), 0.0);
   for (std::size_t c = 0; c < floors.size(); ++c) {
+    if (residuals[c].empty()) continue;
     const double sigma = 1.4826 * Median(residuals[c]);
     floors[c] = std::sqrt(std::max(0.0, sigma * sigma - Median(variances[c])));
   }

@@ -10,8 +10,8 @@
 #include <tuple>
 #include <utility>
 
+#include "videogrammetry/core/median.h"
 #include "videogrammetry/recognition/dot_look.h"
-#include "videogrammetry/recognition/median.h"
 #include "videogrammetry/recognition/model_pool.h"
 #include "videogrammetry/recognition/place_index.h"
 #include "videogrammetry/recognition/window_picture.h"

@@ -8,8 +8,8 @@
 #include <cstdint>
 #include <numbers>
 
+#include "videogrammetry/core/median.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
-#include "videogrammetry/recognition/median.h"
 
 namespace videogrammetry {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "videogrammetry/recognition/median.h"
+#include "videogrammetry/core/median.h"
 
 namespace videogrammetry {
 namespace {

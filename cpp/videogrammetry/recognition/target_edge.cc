@@ -7,11 +7,11 @@
 #include <numbers>
 #include <vector>
 
+#include "videogrammetry/core/median.h"
 #include "videogrammetry/recognition/edge_points.h"
 #include "videogrammetry/recognition/edge_profile.h"
 #include "videogrammetry/recognition/ellipse_fit.h"
 #include "videogrammetry/recognition/local_canny.h"
-#include "videogrammetry/recognition/median.h"
 
 namespace videogrammetry {
 namespace {

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.accuracy.scale_bar import KnownLength
-from videogrammetry.geometry import nearest_rotation, project_from_world
+from videogrammetry.geometry import fit_rigid, project_from_world
 from videogrammetry.reconstruction import Triangulator
 from videogrammetry.types import FloatArray, IntArray, RigData, Trajectories
 
@@ -111,24 +111,24 @@ def measured_from_true(rig: RigData, truth_rig: RigData) -> FrameFit:
 
 
 def rigid_frame(measured_mm: FloatArray, true_mm: FloatArray) -> FrameFit:
-    """Best rotation and translation of points (N, 3), least squares, no scale (Kabsch).
+    """Best rotation and translation of points (N, 3), least squares, no scale.
 
     Examples
     --------
     >>> x = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
     >>> fit = rigid_frame(x * 1.001 + [1, 2, 3], x)
-    >>> fit.rotation.round(9).tolist(), round(fit.scale_error, 9)
+    >>> (fit.rotation.round(9) + 0.0).tolist(), round(fit.scale_error, 9)
     ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 0.001)
     """
-    mean_measured, mean_true = measured_mm.mean(axis=0), true_mm.mean(axis=0)
-    a, b = measured_mm - mean_measured, true_mm - mean_true
-    rotation = nearest_rotation(a.T @ b)
-    turned = b @ rotation.T
+    rotation, translation, _ = fit_rigid(measured_mm, true_mm)
+    residual = measured_mm - (true_mm @ rotation.T + translation)
+    turned = (true_mm - true_mm.mean(axis=0)) @ rotation.T
+    centred = measured_mm - measured_mm.mean(axis=0)
     return FrameFit(
         rotation=rotation,
-        translation_mm=mean_measured - rotation @ mean_true,
-        rms_mm=float(np.sqrt(((a - turned) ** 2).sum(axis=1).mean())),
-        scale_error=float((a * turned).sum() / (turned**2).sum() - 1),
+        translation_mm=translation,
+        rms_mm=float(np.sqrt((residual**2).sum(axis=1).mean())),
+        scale_error=float((centred * turned).sum() / (turned**2).sum() - 1),
     )
 
 

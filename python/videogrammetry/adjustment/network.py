@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry._core import TaskError as _TaskError
 from videogrammetry._core import adjustment as _adjustment
+from videogrammetry.adjustment.arguments import (
+    bar_arrays,
+    check_names,
+    circle_arrays,
+    interface_names,
+    mask,
+    point_kinds,
+)
+from videogrammetry.adjustment.outcome import find_dispersion, run_adjustment
 from videogrammetry.adjustment.results import (
     CAMERA_UNKNOWNS,
     INTERFACE_UNKNOWNS,
     Adjustment,
     AdjustOptions,
-    CameraVariance,
     Dispersion,
-    DroppedParameter,
-    PointPriorStatistics,
-    ScaleBarStatistics,
 )
 from videogrammetry.adjustment.start import rows
-from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import camera_model, interface_model
 from videogrammetry.types import FlatInterface, FloatArray, RigCamera
 
-POINT_KINDS = ("fixed", "weighted", "free")
 DATUMS = ("fixed", "weighted", "free")
 #: Whose residuals are minimised: the measured image point's, or the corrected one's.
 RESIDUALS = ("measured", "corrected")
@@ -57,7 +59,7 @@ class Network:
     >>> cov = np.tile([1e-4, 0, 1e-4], (4, 1))
     >>> network.set_observations(np.zeros(4), np.arange(4), pixels, cov)
     >>> result = network.adjust(AdjustOptions(critical_value=0))
-    >>> network.pose(pose)[1].round(6).tolist(), result.redundancy
+    >>> (network.pose(pose)[1].round(6) + 0.0).tolist(), result.redundancy
     ([0.0, 0.0, 100.0], 2)
     """
 
@@ -112,8 +114,8 @@ class Network:
                 f'residuals: camera {name}: "corrected" needs a distortion of the measured point '
                 "(measured = True)"
             )
-        _check_names("free", free)
-        _check_names("prior_sigma", prior_sigma or ())
+        check_names("free", free)
+        check_names("prior_sigma", prior_sigma or ())
         prior = np.zeros(len(CAMERA_UNKNOWNS))
         for key, sigma in (prior_sigma or {}).items():
             prior[CAMERA_UNKNOWNS.index(key)] = sigma
@@ -125,7 +127,7 @@ class Network:
         index: int = self._network.add_camera(
             name,
             camera_model(camera),
-            _mask(free),
+            mask(free),
             held,
             prior,
             floor_px,
@@ -160,10 +162,10 @@ class Network:
         ------
         ValueError : another name, or an interface that is none.
         """
-        wanted = _interface_names("free", free)
+        wanted = interface_names("free", free)
         prior = np.zeros(len(INTERFACE_UNKNOWNS))
         for key, sigma in (prior_sigma or {}).items():
-            for name in _interface_names("prior_sigma", (key,)):
+            for name in interface_names("prior_sigma", (key,)):
                 prior[INTERFACE_UNKNOWNS.index(name)] = sigma
         self._interfaces.append(interface)
         index: int = self._network.add_interface(
@@ -227,18 +229,13 @@ class Network:
         """
         positions = rows(position_mm, 3, "position_mm")
         kind = kind if kind is not None else ("fixed" if cov_mm2 is None else "weighted")
-        kinds = [kind] * len(positions) if isinstance(kind, str) else [str(k) for k in kind]
-        if len(kinds) != len(positions):
-            raise ValueError(f"kind: expected one a point ({len(positions)}), got {len(kinds)}")
-        for each in kinds:
-            if each not in POINT_KINDS:
-                raise ValueError(f"kind: expected one of {', '.join(POINT_KINDS)}, got {each!r}")
+        kinds = point_kinds(kind, len(positions))
         cov = np.zeros((0, 9)) if cov_mm2 is None else np.reshape(cov_mm2, (-1, 9))
         self._network.set_points(
             np.asarray(point_id, np.int32),
             positions,
             np.ascontiguousarray(cov, dtype=float),
-            [getattr(_adjustment.PointKind, each.upper()) for each in kinds],
+            kinds,
         )
 
     def set_point_prior(
@@ -275,18 +272,7 @@ class Network:
         sigma_mm: npt.ArrayLike,
     ) -> None:
         """Set known distances (B,) between points ``a`` and ``b`` (rows of the points)."""
-        first, second = (
-            np.atleast_1d(np.asarray(a, np.int32)),
-            np.atleast_1d(np.asarray(b, np.int32)),
-        )
-        lengths = np.atleast_1d(np.asarray(length_mm, float))
-        sigmas = np.broadcast_to(np.asarray(sigma_mm, float), lengths.shape)
-        if not len(first) == len(second) == len(lengths):
-            raise ValueError(
-                "scale bars: expected as many points a and b as lengths, got "
-                f"{len(first)}, {len(second)} and {len(lengths)}"
-            )
-        self._network.set_scale_bars(first, second, lengths, np.ascontiguousarray(sigmas))
+        self._network.set_scale_bars(*bar_arrays(a, b, length_mm, sigma_mm))
 
     def set_datum(self, datum: str) -> None:
         """Say what the object's frame rests on.
@@ -311,18 +297,7 @@ class Network:
         ------
         ValueError : a diameter that is not positive or a normal not of unit length.
         """
-        normals, diameters = rows(normal, 3, "normal"), np.asarray(diameter_mm, dtype=float)
-        if diameters.shape != (len(normals),):
-            raise ValueError(f"diameter_mm: expected ({len(normals)},), got {diameters.shape}")
-        known = np.isfinite(normals).all(axis=1) & np.isfinite(diameters)
-        if (diameters[known] <= 0).any():
-            raise ValueError(
-                f"diameter_mm: expected > 0, got {diameters[known][diameters[known] <= 0][0]:g}"
-            )
-        self._network.set_circles(
-            np.where(known[:, None], normals, [0.0, 0.0, 1.0]),
-            np.where(known, 0.5 * diameters, 0.0),
-        )
+        self._network.set_circles(*circle_arrays(normal, diameter_mm))
 
     def set_observations(
         self,
@@ -352,8 +327,8 @@ class Network:
 
     def set_free(self, camera: int, free: Sequence[str]) -> None:
         """Choose which of ``CAMERA_UNKNOWNS`` of a camera are estimated."""
-        _check_names("free", free)
-        self._network.set_free(camera, _mask(free))
+        check_names("free", free)
+        self._network.set_free(camera, mask(free))
 
     def set_pose(self, pose: int, rotation: npt.ArrayLike, translation_mm: npt.ArrayLike) -> None:
         """Replace a pose's values."""
@@ -410,48 +385,7 @@ class Network:
         ------
         CalibrationError : rank defect (names the unknowns) or no redundancy.
         """
-        options = options or AdjustOptions()
-        native = _adjustment.AdjustOptions()
-        for name in AdjustOptions.__dataclass_fields__:
-            setattr(native, name, getattr(options, name))
-        if offered is not None:
-            native.offered = [_mask(names) for names in offered]
-        try:
-            result = _adjustment.adjust(self._network, native)
-        except _TaskError as error:
-            raise CalibrationError(str(error)) from error
-        statistics = result.statistics
-        return Adjustment(
-            **{name: getattr(result, name) for name in _COPIED},
-            cameras=tuple(
-                CameraVariance(
-                    factor=c.factor, redundancy=c.redundancy, rms_px=c.rms_px, count=c.count
-                )
-                for c in result.cameras
-            ),
-            dropped=tuple(
-                DroppedParameter(
-                    camera=d.camera,
-                    name=CAMERA_UNKNOWNS[d.parameter],
-                    value=d.value,
-                    sigma=d.sigma,
-                    undetermined=d.undetermined,
-                )
-                for d in result.dropped
-            ),
-            residual_px=statistics["residual_px"],
-            normalised=statistics["normalised"],
-            redundancy_numbers=statistics["redundancy"],
-            used=self.used,
-            scale_bars=ScaleBarStatistics(
-                **result.bars, used=np.array(self._network.bars_used, dtype=bool)
-            ),
-            points=PointPriorStatistics(
-                **result.points,
-                used=np.array(self._network.priors_used, dtype=bool),
-                starved=np.array(self._network.starved, dtype=bool),
-            ),
-        )
+        return run_adjustment(self._network, options or AdjustOptions(), offered)
 
     def dispersion(self, *, num_threads: int = 0) -> Dispersion:
         """Covariance of the unknowns at the present values.
@@ -460,59 +394,4 @@ class Network:
         ------
         CalibrationError : rank defect.
         """
-        try:
-            handle = _adjustment.Dispersion(self._network, num_threads)
-        except _TaskError as error:
-            raise CalibrationError(str(error)) from error
-        return Dispersion(
-            camera_index=np.array(handle.camera_index, np.int32).reshape(-1, len(CAMERA_UNKNOWNS)),
-            pose_index=np.array(handle.pose_index, np.int32),
-            interface_index=np.array(handle.interface_index, np.int32).reshape(
-                -1, len(INTERFACE_UNKNOWNS)
-            ),
-            point_index=np.array(handle.point_index, np.int32),
-            unknown_names=tuple(handle.names(self._network)),
-            redundancy=handle.redundancy,
-            datum_size=handle.datum_size,
-            handle=handle,
-        )
-
-
-def _mask(names: Sequence[str]) -> list[bool]:
-    return [name in names for name in CAMERA_UNKNOWNS]
-
-
-def _interface_names(argument: str, names: Iterable[str]) -> list[str]:
-    wanted: list[str] = []
-    for name in names:
-        if name not in (*INTERFACE_UNKNOWNS, "normal"):
-            raise ValueError(
-                f"{argument}: expected names of {', '.join(INTERFACE_UNKNOWNS)} or normal, "
-                f"got {name!r}"
-            )
-        wanted += INTERFACE_UNKNOWNS[:2] if name == "normal" else [name]
-    return wanted
-
-
-def _check_names(argument: str, names: Iterable[str]) -> None:
-    for name in names:
-        if name not in CAMERA_UNKNOWNS:
-            raise ValueError(
-                f"{argument}: expected names of {', '.join(CAMERA_UNKNOWNS)}, got {name!r}"
-            )
-
-
-_COPIED = (
-    "converged",
-    "message",
-    "sigma0",
-    "num_observations",
-    "num_prior",
-    "num_unknowns",
-    "redundancy",
-    "point_factor",
-    "point_redundancy",
-    "bar_factor",
-    "bar_redundancy",
-    "rounds",
-)
+        return find_dispersion(self._network, num_threads)

@@ -287,9 +287,9 @@ def _place_rest(network: NetworkInput) -> NetworkInput:
         if len(own) < 2:
             continue
         centre, way, f_px = (np.array(part) for part in zip(*own, strict=True))
-        place = intersect_rays(centre, way, f_px, _MEET_PX, _LEAST_RAD)
-        if place is not None:
-            positions[point] = place
+        positions[point] = intersect_rays(
+            centre[None], way[None], f_px[None], _MEET_PX, _LEAST_RAD
+        )[0]
     return replace(network, points=replace(network.points, position_mm=positions))
 
 

@@ -215,17 +215,16 @@ def _stage_pose(
 ) -> tuple[Rigid, Rigid | None]:
     """The stage's pose that fits its pictures best, and its twin if that fits nearly as well."""
     seen = sorted(seen, key=len, reverse=True)[:8]
-    trials: list[tuple[float, Rigid]] = []
-    for picture in seen[:4]:
-        for candidate in starts[picture.camera].poses[picture.stage]:
-            pose = compose(
-                invert(cams[picture.camera]), (candidate.rotation, candidate.translation_mm)
-            )
-            costs = [
-                _cost(starts[q.camera], compose(cams[q.camera], pose), q, seen_target[q.camera])
-                for q in seen
-            ]
-            trials.append((float(np.mean(costs)), pose))
+    poses = [
+        compose(invert(cams[picture.camera]), (candidate.rotation, candidate.translation_mm))
+        for picture in seen[:4]
+        for candidate in starts[picture.camera].poses[picture.stage]
+    ]
+    all_costs = [
+        _costs(starts[q.camera], cams[q.camera], poses, q, seen_target[q.camera]) for q in seen
+    ]
+    costs = np.mean(all_costs, axis=0)
+    trials = [(float(cost), pose) for cost, pose in zip(costs, poses, strict=True)]
     trials.sort(key=lambda trial: trial[0])
     best_cost, best = trials[0]
     for cost, pose in trials[1:]:
@@ -246,8 +245,17 @@ def _misfit_px(start: CameraStart, pose: Rigid, picture: Picture, target: PointS
     return float(np.median(np.nan_to_num(_distances(start, pose, picture, target), nan=np.inf)))
 
 
-def _cost(start: CameraStart, pose: Rigid, picture: Picture, target: PointSet) -> float:
+def _costs(
+    start: CameraStart, cam: Rigid, poses: Sequence[Rigid], picture: Picture, target: PointSet
+) -> FloatArray:
+    """Mean squared distance of a picture's points, limited, for each pose of its stage."""
     # Relative poses are still rough: a limit ten times a resection's gate.
     limit = 10.0 * start.gate_px
-    distance = np.nan_to_num(_distances(start, pose, picture, target), nan=limit)
-    return float(np.mean(np.minimum(distance, limit) ** 2))
+    rotation = cam[0] @ np.array([pose[0] for pose in poses])
+    shift = np.array([pose[1] for pose in poses]) @ cam[0].T + cam[1]
+    points = target.position_mm[picture.point]
+    in_cam = np.einsum("tij,nj->tni", rotation, points) + shift[:, None]
+    pixels = project(start.model, in_cam.reshape(-1, 3)).reshape(len(poses), -1, 2)
+    square = np.sum((pixels - picture.xy_px) ** 2, axis=2)
+    result: FloatArray = np.fmin(square, limit**2).mean(axis=1)
+    return result

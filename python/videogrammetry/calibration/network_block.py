@@ -21,6 +21,8 @@ START_GATE = 0.01
 LEAST_GATE, GATE_SIGMAS = 0.0005, 8.0
 #: Least angle between the rays of a new point: depth is 30 times less sure than across.
 MIN_ANGLE_RAD = np.radians(2.0)
+#: Points that are intersected together, which bounds the tables' size.
+_AT_ONCE = 2000
 #: A median distance is this many standard deviations of a coordinate (Rayleigh).
 _MEDIAN_SIGMAS = 1.177
 #: Parameters that a start needs: what is left of the others fits into the gate.
@@ -151,24 +153,33 @@ class Block:
                               minlength=len(self.position))  # fmt: skip
             count = np.bincount(self.point[seen], minlength=len(self.position))
             open_points |= ~self.known & (3 * bad > count)
-        placed = self.placed
-        for point in np.flatnonzero(open_points):
-            rows = self.rows_of_point[point]
-            rows = rows[placed[self.image[rows]]]
-            self.position[point] = np.nan
-            if len(rows) < 2:
-                continue
-            images = self.image[rows]
-            r = self.rotation[images]
-            found = intersect_rays(
-                -np.einsum("nji,nj->ni", r, self.translation[images]),
-                np.einsum("nji,nj->ni", r, self.rays[rows]),
-                self.focal_px(images),
-                self.gate_px,
-                MIN_ANGLE_RAD,
-            )
-            if found is not None:
-                self.position[point] = found
+        self.position[open_points] = np.nan
+        rows = np.flatnonzero(open_points[self.point] & self.placed[self.image])
+        rows = rows[np.isfinite(self.rays[rows]).all(axis=1)]
+        rows = rows[np.argsort(self.point[rows], kind="stable")]
+        number = np.bincount(self.point[rows], minlength=len(self.position))
+        # Points with about as many rays together: the tables are padded to the largest.
+        of_class = np.where(number > 1, np.ceil(2 * np.log2(np.maximum(number, 2))), -1)
+        for size in np.unique(of_class[of_class >= 0]):
+            every = np.flatnonzero(of_class == size)
+            for part in np.array_split(every, len(every) // _AT_ONCE + 1):
+                self._intersect(part, rows)
+
+    def _intersect(self, points: RowArray, rows: RowArray) -> None:
+        """Place points by their rays; ``rows``: of observations, sorted by point."""
+        rows = rows[np.isin(self.point[rows], points)]
+        place = np.searchsorted(points, self.point[rows])
+        begin = np.searchsorted(place, np.arange(len(points)))
+        rank = np.arange(len(rows)) - begin[place]
+        images = self.image[rows]
+        r = self.rotation[images]
+        shape = (len(points), int(rank.max()) + 1)
+        centre, direction = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
+        f_px = np.ones(shape)
+        centre[place, rank] = -np.einsum("nji,nj->ni", r, self.translation[images])
+        direction[place, rank] = np.einsum("nji,nj->ni", r, self.rays[rows])
+        f_px[place, rank] = self.focal_px(images)
+        self.position[points] = intersect_rays(centre, direction, f_px, self.gate_px, MIN_ANGLE_RAD)
 
     def focal_px(self, images: RowArray) -> FloatArray:
         """f of pictures."""
@@ -293,3 +304,23 @@ def _grouped(label: npt.NDArray[np.integer], count: int) -> list[RowArray]:
     """Rows of each label 0 ... count - 1."""
     order = np.argsort(label, kind="stable")
     return np.split(order, np.searchsorted(label[order], np.arange(1, count)))
+
+
+def placed_block(network: NetworkInput) -> Block:
+    """The network as a block, with the poses and positions that it has."""
+    cameras = [
+        with_interior(
+            RigCamera(
+                image_size_px=c.image_size_px, interior=np.asarray(c.interior, float),
+                r0_px=c.r0_px, rotation=np.eye(3), translation_mm=np.zeros(3), measured=c.measured,
+            ),
+            np.asarray(c.interior, float),
+        )
+        for c in network.cameras
+    ]  # fmt: skip
+    block = Block(network, cameras)
+    for k, image in enumerate(network.images):
+        if image.rotation is not None and image.translation_mm is not None:
+            block.place(k, np.asarray(image.rotation), np.asarray(image.translation_mm))
+    block.position = np.array(network.points.position_mm, float)
+    return block

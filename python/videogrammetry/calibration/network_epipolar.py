@@ -198,3 +198,28 @@ def _moved_essential(
 def _cross(t: FloatArray) -> FloatArray:
     result: FloatArray = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0.0]])
     return result
+
+
+def intersect_two(
+    a: View, b: View, first: RowArray, second: RowArray, min_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Intersections (k, 3) of pairs of rays and their covariances.
+
+    NaN where they diverge, or meet at less than ``min_rad``.
+    """
+    u, v = a.directions(first), b.directions(second)
+    w = b.centre - a.centre
+    cosine = np.sum(u * v, axis=1)
+    sine2 = np.maximum(1.0 - cosine**2, 1e-12)
+    along_u = (u @ w - cosine * (v @ w)) / sine2
+    along_v = (cosine * (u @ w) - v @ w) / sine2
+    points = 0.5 * (a.centre + along_u[:, None] * u + b.centre + along_v[:, None] * v)
+    bad = (along_u <= 0) | (along_v <= 0) | (sine2 < np.sin(min_rad) ** 2)
+    points[bad] = np.nan
+    normal = np.zeros((len(points), 3, 3))
+    for view, direction, depth in ((a, u, along_u), (b, v, along_v)):
+        weight = (view.f_px / np.maximum(np.abs(depth), 1e-9) / view.total_px) ** 2
+        across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+        normal += weight[:, None, None] * across
+    cov: FloatArray = np.asarray(np.linalg.inv(normal), float)
+    return points, cov

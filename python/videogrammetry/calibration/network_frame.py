@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +11,7 @@ from videogrammetry.adjustment import principal_extents
 from videogrammetry.calibration.network_input import NetworkInput
 from videogrammetry.calibration.network_rays import BoolArray
 from videogrammetry.errors import CalibrationError
+from videogrammetry.geometry import fit_similarity
 from videogrammetry.types import FloatArray
 
 #: Triples of points that a fit tries: all of nine points.
@@ -19,7 +20,7 @@ _MAX_TRIPLES = 84
 
 @dataclass(frozen=True, kw_only=True)
 class Similarity:
-    """x_in_a = scale * rotation @ x_in_b + translation; ``rms``: of the fit, in a."""
+    """x_in_a = scale * rotation @ x_in_b + translation; ``rms``: 3-D, of the inliers, in a."""
 
     scale: float
     rotation: FloatArray
@@ -38,18 +39,17 @@ class Similarity:
         return turned, self.scale * translation - turned @ self.translation
 
 
-def fit_similarity(in_a: FloatArray, in_b: FloatArray, *, mirrored: bool = False) -> Similarity:
+def robust_similarity(in_a: FloatArray, in_b: FloatArray, *, mirrored: bool = False) -> Similarity:
     """The similarity of corresponding points (N, 3), robust against a few wrong ones.
 
-    Least squares (Umeyama, IEEE PAMI 13 (1991)) of the points that the best triple
-    agrees with: within three times the median distance and a hundredth of the
-    extent. ``mirrored``: with a reflection, to see whether one coordinate's sign is
-    wrong.
+    Least squares of the points that the best triple agrees with: within three times the
+    median distance and a hundredth of the extent. ``mirrored``: with a reflection, to see
+    whether one coordinate's sign is wrong.
 
     Examples
     --------
     >>> a = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]])
-    >>> round(fit_similarity(a, 0.5 * a).scale, 6)
+    >>> round(robust_similarity(a, 0.5 * a).scale, 6)
     2.0
     """
     triples = list(combinations(range(len(in_a)), 3))
@@ -62,36 +62,24 @@ def fit_similarity(in_a: FloatArray, in_b: FloatArray, *, mirrored: bool = False
         index = list(triple)
         if principal_extents(in_b[index])[1] < 0.05:
             continue
-        fit = _umeyama(in_a[index], in_b[index], mirrored)
-        distance = np.linalg.norm(_apply(fit, in_b) - in_a, axis=1)
+        _, distance = _fit(in_a, in_b, np.isin(np.arange(len(in_a)), index), mirrored)
         cost = float(np.median(distance)) if len(in_a) > 3 else float(distance.sum())
         if cost < best_cost:
             best_cost = cost
             best = distance <= max(3.0 * cost, 0.01 * extent)
     if best.sum() < 3:
         best = np.ones(len(in_a), bool)
-    scale, rotation, translation = _umeyama(in_a[best], in_b[best], mirrored)
-    distance = np.linalg.norm(_apply((scale, rotation, translation), in_b) - in_a, axis=1)
-    rms = float(np.sqrt(np.mean(distance[best] ** 2)))
-    return Similarity(scale=scale, rotation=rotation, translation=translation, rms=rms, inlier=best)
+    fit, distance = _fit(in_a, in_b, best, mirrored)
+    return replace(fit, rms=float(np.sqrt(np.mean(distance[best] ** 2))))
 
 
-def _apply(fit: tuple[float, FloatArray, FloatArray], points: FloatArray) -> FloatArray:
-    scale, rotation, translation = fit
-    result: FloatArray = scale * points @ rotation.T + translation
-    return result
-
-
-def _umeyama(
-    in_a: FloatArray, in_b: FloatArray, mirrored: bool
-) -> tuple[float, FloatArray, FloatArray]:
-    mean_a, mean_b = in_a.mean(axis=0), in_b.mean(axis=0)
-    u, s, vt = np.linalg.svd((in_a - mean_a).T @ (in_b - mean_b))
-    sign = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirrored else 1.0)
-    d = np.array([1.0, 1.0, sign])
-    rotation = u @ np.diag(d) @ vt
-    scale = float(np.sum(s * d) / np.sum((in_b - mean_b) ** 2))
-    return scale, rotation, mean_a - scale * rotation @ mean_b
+def _fit(
+    in_a: FloatArray, in_b: FloatArray, used: BoolArray, mirrored: bool
+) -> tuple[Similarity, FloatArray]:
+    """The least-squares similarity of the points ``used``, and all points' distances from it."""
+    scale, rotation, translation, rms = fit_similarity(in_a[used], in_b[used], mirrored=mirrored)
+    fit = Similarity(scale=scale, rotation=rotation, translation=translation, rms=rms, inlier=used)
+    return fit, np.linalg.norm(fit.points(in_b) - in_a, axis=1)
 
 
 def frame_on_known(position: FloatArray, network: NetworkInput) -> Similarity | None:
@@ -107,9 +95,9 @@ def frame_on_known(position: FloatArray, network: NetworkInput) -> Similarity | 
     if known.sum() < 3 or principal_extents(points.position_mm[known])[1] < 0.01:
         return None
     target, found = points.position_mm[known], position[known]
-    fit = fit_similarity(target, found)
+    fit = robust_similarity(target, found)
     if principal_extents(target)[2] > 0.02:
-        mirrored = fit_similarity(target, found, mirrored=True)
+        mirrored = robust_similarity(target, found, mirrored=True)
         more = int(mirrored.inlier.sum()) - int(fit.inlier.sum())
         # (three points are their own mirror image: what counts is how many agree)
         if more > 0 or (more == 0 and mirrored.rms < fit.rms / 3.0):

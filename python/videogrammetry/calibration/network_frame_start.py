@@ -8,10 +8,10 @@ import numpy as np
 
 from videogrammetry.adjustment import principal_extents
 from videogrammetry.calibration.network_bars import GROSS_PART, unit_hint
-from videogrammetry.calibration.network_frame import fit_similarity
+from videogrammetry.calibration.network_frame import robust_similarity
 from videogrammetry.calibration.network_input import NetworkInput
 from videogrammetry.errors import CalibrationError
-from videogrammetry.types import FloatArray
+from videogrammetry.geometry import fit_similarity
 
 #: A frame needs three points that are not on a line.
 _MIN_POINTS = 3
@@ -37,7 +37,7 @@ def on_start_values(started: NetworkInput, given: NetworkInput) -> NetworkInput:
     target = given.points.position_mm[rows]
     if np.linalg.svd(target - target.mean(axis=0), compute_uv=False)[1] <= 0:
         return started
-    scale, rotation, shift = similarity(started.points.position_mm[rows], target)
+    scale, rotation, shift, _ = fit_similarity(target, started.points.position_mm[rows])
     if len(started.scale_bars):
         scale = 1.0
         shift = target.mean(axis=0) - rotation @ started.points.position_mm[rows].mean(axis=0)
@@ -77,9 +77,9 @@ def check_start_values(started: NetworkInput, given: NetworkInput) -> list[str]:
     extents = principal_extents(target)
     if extents[1] < _FLAT:
         return []
-    fit = fit_similarity(target, found)
+    fit = robust_similarity(target, found)
     if extents[2] > _FLAT:
-        mirrored = fit_similarity(target, found, mirrored=True)
+        mirrored = robust_similarity(target, found, mirrored=True)
         if mirrored.rms < fit.rms / 3.0 and mirrored.inlier.sum() > fit.inlier.sum():
             raise CalibrationError(
                 "the mirror image of the points' start values fits the pictures "
@@ -96,26 +96,3 @@ def check_start_values(started: NetworkInput, given: NetworkInput) -> list[str]:
         f"the points' start values are {fit.scale:.4g} times as large as the scale bars say"
         f"{hint or '.'} The scale bars count"
     ]
-
-
-def similarity(source: FloatArray, target: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Scale, rotation and shift that bring points (N, 3) nearest to others.
-
-    References
-    ----------
-    Umeyama 1991, Least-squares estimation of transformation parameters between two
-    point patterns, Eqs. 40-42.
-
-    Examples
-    --------
-    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    >>> scale, rotation, shift = similarity(points, 2 * points + [1.0, 0, 0])
-    >>> round(scale, 12), bool(np.allclose(2 * points @ rotation.T + shift, 2 * points + [1, 0, 0]))
-    (2.0, True)
-    """
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    u, singular, vt = np.linalg.svd(b.T @ a)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    rotation = u * signs @ vt
-    scale = float((singular * signs).sum() / (a**2).sum())
-    return scale, rotation, target.mean(axis=0) - scale * rotation @ source.mean(axis=0)

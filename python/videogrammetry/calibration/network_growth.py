@@ -107,3 +107,13 @@ def settle(block: Block) -> None:
         block.bundle()
         block.settle_gate()
         block.triangulate(again=True)
+
+
+def complete(block: Block) -> None:
+    """Grow a block to all pictures that it can take, and adjust it as a whole."""
+    grow(block)
+    settle(block)
+    grow(block)
+    block.bundle()
+    block.settle_gate()
+    block.triangulate(again=True)

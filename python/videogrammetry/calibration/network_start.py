@@ -7,35 +7,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from videogrammetry.adjustment import principal_extents, search_focal
-from videogrammetry.calibration.network_block import Block, with_interior
+from videogrammetry.adjustment import principal_extents
+from videogrammetry.calibration.network_block import Block
 from videogrammetry.calibration.network_frame import (
-    fit_similarity,
     frame_on_known,
+    robust_similarity,
     scale_from_bars,
 )
-from videogrammetry.calibration.network_growth import MIN_KNOWN_POINTS, MIN_POINTS, grow, settle
+from videogrammetry.calibration.network_growth import MIN_KNOWN_POINTS, MIN_POINTS, complete
 from videogrammetry.calibration.network_input import NetworkInput
 from videogrammetry.calibration.network_links import MissingLink, describe_groups, missing_links
-from videogrammetry.calibration.network_rays import BoolArray, RowArray
-from videogrammetry.calibration.network_seed import (
-    F_FACTORS,
-    F_GRID,
-    Seed,
-    common_points,
-    find_seed,
-    with_f,
+from videogrammetry.calibration.network_rays import BoolArray
+from videogrammetry.calibration.network_seed import Seed, common_points, find_seed
+from videogrammetry.calibration.network_start_focal import (
+    focal_doubts,
+    focal_factors,
+    start_cameras,
 )
+from videogrammetry.calibration.network_start_known import from_known
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import camera_model
-from videogrammetry.types import INTERIOR_NAMES, FloatArray, RigCamera
+from videogrammetry.types import INTERIOR_NAMES, FloatArray
 
 #: Fewer points than this tie a picture weakly.
 _FEW_POINTS = 8
-#: Given poses hold if they lead to this share of image points within that share of the gate.
-_POSES_SHARE, _POSES_GATE = 0.6, 0.2
-#: A start that leaves more than this share of the gate is checked for mirrored points.
-_SUSPICIOUS = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,17 +136,17 @@ def start_network(network: NetworkInput, *, partial: bool = False) -> StartedNet
 def _blocks(network: NetworkInput) -> tuple[list[Block], list[str], Seed | None]:
     """Blocks that nothing ties together, the largest first."""
     doubts: list[str] = []
-    start = Block(network, _start_cameras(network))
+    start = Block(network, start_cameras(network))
     seed: Seed | None = None
-    main = _from_known(network, start, doubts)
+    main = from_known(network, start, doubts)
     if main is None:
-        for candidate in find_seed(_free_block(start), _factors(network)):
+        for candidate in find_seed(_free_block(start), focal_factors(network)):
             seed, main = candidate, candidate.block
-            _complete(main)
+            complete(main)
             break
         if main is None or seed is None:
             return [], doubts, None
-    doubts += _focal_doubts(network, main, searched=seed is not None)
+    doubts += focal_doubts(network, main, searched=seed is not None)
     blocks = [main]
     tried = main.placed.copy()
     while True:
@@ -164,15 +158,6 @@ def _blocks(network: NetworkInput) -> tuple[list[Block], list[str], Seed | None]
             blocks.append(more)
     blocks.sort(key=lambda block: -int(block.placed.sum()))
     return blocks, doubts, seed
-
-
-def _complete(block: Block) -> None:
-    grow(block)
-    settle(block)
-    grow(block)
-    block.bundle()
-    block.settle_gate()
-    block.triangulate(again=True)
 
 
 def _next_block(main: Block, tried: BoolArray) -> Block | None:
@@ -187,7 +172,7 @@ def _next_block(main: Block, tried: BoolArray) -> Block | None:
     if not seeds:
         return None
     other = seeds[0].block
-    _complete(other)
+    complete(other)
     return other if other.placed.sum() >= 2 else None
 
 
@@ -204,7 +189,7 @@ def _join(main: Block, other: Block) -> bool:
     both = main.has_point & other.has_point
     if both.sum() < 4 or principal_extents(main.position[both])[1] < 0.02:
         return False
-    fit = fit_similarity(main.position[both], other.position[both])
+    fit = robust_similarity(main.position[both], other.position[both])
     if fit.inlier.sum() < max(4, 0.6 * both.sum()):
         return False
     trial = main.copy()
@@ -221,204 +206,8 @@ def _join(main: Block, other: Block) -> bool:
         return False
     trial.settle_gate()
     main.__dict__.update(trial.__dict__)
-    _complete(main)
+    complete(main)
     return True
-
-
-# --- known points -------------------------------------------------------------
-
-
-def _from_known(network: NetworkInput, start: Block, doubts: list[str]) -> Block | None:
-    """The block that resection on known points (or given poses) starts; None without."""
-    block = _from_poses(network, start, doubts)
-    if block is not None:
-        return block
-    block = start.copy()
-    usable = [i for i in range(len(network.images)) if _sees_known(block, i)]
-    if not usable:
-        return None
-    cameras = _known_focal(network, block, usable)
-    if cameras is None:
-        return None
-    block.set_cameras(cameras)
-    _complete(block)
-    cost = _cost_px(block, usable)
-    if cost > _SUSPICIOUS * block.start_gate_px:
-        _check_handedness(network, block, usable, cost)
-    # Known points that most pictures contradict: leave them to the Helmert transformation.
-    if cost > 0.5 * block.start_gate_px or block.placed.sum() < 0.3 * len(network.images):
-        return None
-    return block
-
-
-def _from_poses(network: NetworkInput, start: Block, doubts: list[str]) -> Block | None:
-    """The block of the given poses; None without, or where they do not fit the pictures."""
-    block = start.copy()
-    for k, image in enumerate(network.images):
-        if image.rotation is not None and image.translation_mm is not None:
-            block.place(k, np.asarray(image.rotation), np.asarray(image.translation_mm))
-    given = block.placed
-    if not given.any():
-        return None
-    rows = np.flatnonzero(given[block.image])
-    seen = np.bincount(block.point[rows], minlength=len(block.position))
-    rows = rows[(seen[block.point[rows]] > 1) | block.known[block.point[rows]]]
-    block.triangulate()
-    if block.has_point.any() and len(rows):
-        # Poses from a map or another program are rough, f may be: what they lead to counts.
-        block.bundle()
-        distance = np.nan_to_num(block.distance_px(rows), nan=np.inf)
-        if np.mean(distance < _POSES_GATE * block.start_gate_px) > _POSES_SHARE:
-            block.settle_gate()
-            block.triangulate(again=True)
-            _complete(block)
-            return block
-    if len(rows):
-        doubts.append(
-            f"the {int(given.sum())} given poses do not fit the pictures and were found anew: are "
-            "they cam_from_world (the object's point times the rotation, plus the translation, is "
-            "the camera's), in mm, and of these pictures?"
-        )
-    return None
-
-
-def _sees_known(block: Block, image: int) -> bool:
-    points = np.unique(block.point[block.rows_of[image]])
-    points = points[block.known[points]]
-    if len(points) < MIN_KNOWN_POINTS:
-        return False
-    return bool(principal_extents(block.position[points])[1] > 0.02)
-
-
-def _known_focal(
-    network: NetworkInput, block: Block, usable: Sequence[int]
-) -> list[RigCamera] | None:
-    """Interiors with f such that the known points fit; None where they fit at no f."""
-    cameras = list(block.cameras)
-    for c, camera in enumerate(network.cameras):
-        mine = [i for i in usable if block.camera_of[i] == c]
-        if not mine:
-            continue
-        given = np.isfinite(camera.interior[0]) and camera.interior[0] > 0
-        free = camera.free is None or "f" in camera.free
-        cost = _resection_cost(block, mine) if given else np.inf
-        if cost < block.start_gate_px / 3 or (given and not free):
-            continue
-        mine.sort(key=lambda i: -int(block.known[block.point[block.rows_of[i]]].sum()))
-        rows = [_known_rows(block, i) for i in mine[:4]]
-        try:
-            f_px, rms_px, _ = search_focal(
-                camera_model(cameras[c]),
-                [block.position[block.point[r]] for r in rows],
-                [block.xy_px[r] for r in rows],
-                threshold_px=block.start_gate_px,
-            )
-        except CalibrationError:
-            continue
-        if rms_px < 0.9 * cost:
-            cameras[c] = with_f(cameras[c], f_px / float(cameras[c].interior[0]))
-    return cameras
-
-
-def _known_rows(block: Block, image: int) -> RowArray:
-    rows = block.rows_of[image]
-    return rows[block.known[block.point[rows]]]
-
-
-def _resection_cost(block: Block, images: Sequence[int]) -> float:
-    """Robust RMS of the known points over the resected pictures."""
-    squares = []
-    for image in images:
-        found = block.resect(image)
-        squares.append(found[0].cost_px2 if found else block.start_gate_px**2)
-    return float(np.sqrt(np.mean(squares)))
-
-
-def _cost_px(block: Block, images: Sequence[int]) -> float:
-    gate = block.start_gate_px
-    distance = np.concatenate([block.distance_px(_known_rows(block, i)) for i in images])
-    distance = np.minimum(np.nan_to_num(distance, nan=gate), gate)
-    return float(np.sqrt(np.mean(distance**2)))
-
-
-def _check_handedness(
-    network: NetworkInput, block: Block, usable: Sequence[int], cost_px: float
-) -> None:
-    """CalibrationError if the mirror image of the known points fits and they do not."""
-    points = network.points
-    mirrored = replace(points, position_mm=points.position_mm * [1.0, 1.0, -1.0])
-    other = Block(replace(network, points=mirrored), _start_cameras(network))
-    cameras = _known_focal(other.network, other, usable)
-    if cameras is None:
-        return
-    other.set_cameras(cameras)
-    _complete(other)
-    other_px = _cost_px(other, usable)
-    if other_px < cost_px / 3.0:
-        raise CalibrationError(
-            f"the mirror image of the known points fits the pictures ({other_px:.2f} px), the "
-            f"points themselves do not ({cost_px:.2f} px): their coordinates are left-handed, or "
-            "the pictures are mirrored; change the sign of one coordinate of all known points, or "
-            "mirror the pictures back"
-        )
-
-
-# --- principal distance -------------------------------------------------------
-
-
-def _start_cameras(network: NetworkInput) -> list[RigCamera]:
-    """The given interiors; an unknown f is the larger side, other unknowns 0."""
-    cameras = []
-    for camera in network.cameras:
-        interior = np.nan_to_num(np.asarray(camera.interior, float), nan=0.0)
-        if not interior[0] > 0:
-            if camera.free is not None and "f" not in camera.free:
-                raise ValueError(
-                    f"camera {camera.name}: f is held (it is not in free) but has no value; give "
-                    "f_px, or free f"
-                )
-            interior[0] = max(camera.image_size_px)
-        plain = RigCamera(
-            image_size_px=camera.image_size_px, interior=interior, r0_px=camera.r0_px,
-            rotation=np.eye(3), translation_mm=np.zeros(3), measured=camera.measured,
-        )  # fmt: skip
-        cameras.append(with_interior(plain, interior))
-    return cameras
-
-
-def _factors(network: NetworkInput) -> list[FloatArray]:
-    """Factors on the cameras' f to try, in turn: the given ones, near them, then all."""
-    unknown = np.array([not camera.interior[0] > 0 for camera in network.cameras])
-    held = np.array([c.free is not None and "f" not in c.free for c in network.cameras])
-    if held.all():
-        return [np.ones(len(held))]
-    grid = [np.where(held, 1.0, factor) for factor in F_GRID]
-    if unknown.any():
-        # (a camera whose f is given beside one without keeps it)
-        return [np.where(unknown, factor, 1.0) for factor in F_GRID]
-    sides = np.array([max(camera.image_size_px) for camera in network.cameras])
-    given = np.array([camera.interior[0] for camera in network.cameras])
-    near = [np.where(held, 1.0, factor) for factor in F_FACTORS]
-    return near + [np.where(held, 1.0, factor * sides / given) for factor in np.array(grid)]
-
-
-def _focal_doubts(network: NetworkInput, block: Block, *, searched: bool) -> list[str]:
-    doubts = []
-    for c, camera in enumerate(network.cameras):
-        found, given = float(block.cameras[c].interior[0]), float(camera.interior[0])
-        if not given > 0:
-            if not searched:
-                continue
-            doubts.append(
-                f"camera {camera.name}: f was not given; {found:.0f} px fits best and is only as "
-                "sure as the pictures' convergence and depth make it"
-            )
-        elif abs(found / given - 1.0) > 0.1:
-            doubts.append(
-                f"camera {camera.name}: f = {found:.0f} px fits, {given:.0f} px was given: check "
-                "the start value (its unit, the pixel size, a picture that was cropped or scaled)"
-            )
-    return doubts
 
 
 # --- frame and result ---------------------------------------------------------
@@ -504,7 +293,7 @@ def _weak_pictures(network: NetworkInput, block: Block) -> list[str]:
 
 
 def _nothing(network: NetworkInput) -> str:
-    block = Block(network, _start_cameras(network))
+    block = Block(network, start_cameras(network))
     count = common_points(block)
     if count.max(initial=0) == 0:
         return (

@@ -9,24 +9,8 @@ import numpy as np
 from videogrammetry.calibration.network_input import NetworkInput
 from videogrammetry.calibration.network_result import NetworkAdjustment
 from videogrammetry.errors import CalibrationError
-from videogrammetry.geometry import nearest_rotation
+from videogrammetry.geometry import fit_rigid
 from videogrammetry.types import FloatArray
-
-
-def fit_rigid(measured_mm: FloatArray, wanted_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotation and shift that bring ``measured_mm`` (N, 3) nearest to ``wanted_mm``.
-
-    Least squares by the singular values of the correlation (Arun et al. 1987).
-
-    Examples
-    --------
-    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    >>> fit_rigid(points, points + [1.0, 2, 3])[1].round(9).tolist()
-    [1.0, 2.0, 3.0]
-    """
-    a, b = measured_mm.mean(axis=0), wanted_mm.mean(axis=0)
-    rotation = nearest_rotation((wanted_mm - b).T @ (measured_mm - a))
-    return rotation, b - rotation @ a
 
 
 def own_axes(points_mm: FloatArray, towards_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -104,4 +88,5 @@ def drawing_fit(
         )
     spread = np.linalg.norm(measured - measured.mean(axis=0))
     scale = 1.0 if has_scale else float(np.linalg.norm(wanted - wanted.mean(axis=0)) / spread)
-    return *fit_rigid(scale * measured, wanted), scale
+    rotation, shift, _ = fit_rigid(wanted, scale * measured)
+    return rotation, shift, scale

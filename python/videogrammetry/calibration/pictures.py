@@ -152,8 +152,11 @@ def _sort_frame(
     finite = np.isfinite(xy).all(axis=1)
     values, counts = np.unique(number[(number >= 0) & finite], return_counts=True)
     twice = {int(v) for v in values[counts > 1]}
-    rows, keep = [], []
-    for i in np.flatnonzero((number >= 0) & finite):
+    coded = np.flatnonzero((number >= 0) & finite)
+    row = np.array([row_of.get(n, -1) for n in number[coded].tolist()], np.int32)
+    good = (row >= 0) & ~np.isin(number[coded], list(twice))
+    rows, keep = row[good], coded[good]
+    for i in coded[~good]:
         point_id = int(number[i])
         if point_id not in row_of:
             rejected.append(
@@ -166,7 +169,7 @@ def _sort_frame(
                     reason=f"number {point_id} is not in the target's point list",
                 )
             )
-        elif point_id in twice:
+        else:
             rejected.append(
                 Rejection(
                     kind="target",
@@ -177,13 +180,10 @@ def _sort_frame(
                     reason=f"number {point_id} was read at several places",
                 )
             )
-        else:
-            rows.append(row_of[point_id])
-            keep.append(i)
     no_number = np.flatnonzero((number < 0) & finite)
     picture = Picture(
         camera=camera, stage=frame.stage, image=frame.image,
-        point=np.array(rows, np.int32), xy_px=xy[keep], cov_px2=cov[keep],
+        point=rows, xy_px=xy[keep], cov_px2=cov[keep],
         open_xy_px=xy[no_number], open_cov_px2=cov[no_number],
         ellipse=ellipse[keep], ellipse_cov=ellipse_cov[keep],
         open_ellipse=ellipse[no_number], open_ellipse_cov=ellipse_cov[no_number],

@@ -26,6 +26,7 @@ from videogrammetry.geometry.rig import (
     rig_model,
     select_cameras,
 )
+from videogrammetry.geometry.rigid_fit import fit_rigid, fit_similarity
 from videogrammetry.geometry.undistort import (
     INTERPOLATIONS,
     KEEPS,
@@ -58,6 +59,8 @@ __all__ = [
     "default_r0_px",
     "ellipse_centres",
     "estimate_normals",
+    "fit_rigid",
+    "fit_similarity",
     "full_covariance",
     "ideal_camera",
     "interface_model",

@@ -153,27 +153,16 @@ def calibration_pictures(
 
 
 def known_lengths(path: Path) -> tuple[KnownLength, ...]:
-    """The bars of a table, their lengths at the temperature of the measurement.
-
-    L = L0 (1 + alpha (T - T0)), where coefficient and both temperatures are stated.
-    """
-    lengths = []
-    for bar in read_scale_bars(path):
-        factor = 1.0
-        if None not in (bar.alpha_per_K, bar.temperature_C, bar.reference_C):
-            assert bar.alpha_per_K is not None
-            assert bar.temperature_C is not None
-            assert bar.reference_C is not None
-            factor += bar.alpha_per_K * (bar.temperature_C - bar.reference_C)
-        lengths.append(
-            KnownLength(
-                point_a=bar.point_a,
-                point_b=bar.point_b,
-                length_mm=factor * bar.length_mm,
-                sigma_mm=bar.sigma_mm,
-            )
+    """The bars of a table, their lengths at the temperature of the measurement."""
+    return tuple(
+        KnownLength(
+            point_a=bar.point_a,
+            point_b=bar.point_b,
+            length_mm=bar.used_length_mm(),
+            sigma_mm=bar.sigma_mm,
         )
-    return tuple(lengths)
+        for bar in read_scale_bars(path)
+    )
 
 
 def _from_rig(cameras: Sequence[CameraFrames], path: Path, hold: bool) -> list[CameraFrames]:

@@ -136,24 +136,16 @@ def verify_project(
 
 
 def known_lengths(bars: Sequence[ScaleBar]) -> tuple[KnownLength, ...]:
-    """Lengths at the temperature of the measurement, L (1 + alpha (T - T_ref)) where stated."""
-    lengths = []
-    for bar in bars:
-        stretch = 1.0
-        if None not in (bar.alpha_per_K, bar.temperature_C, bar.reference_C):
-            assert bar.alpha_per_K is not None
-            assert bar.temperature_C is not None
-            assert bar.reference_C is not None
-            stretch += bar.alpha_per_K * (bar.temperature_C - bar.reference_C)
-        lengths.append(
-            KnownLength(
-                point_a=bar.point_a,
-                point_b=bar.point_b,
-                length_mm=bar.length_mm * stretch,
-                sigma_mm=bar.sigma_mm,
-            )
+    """Lengths at the temperature of the measurement."""
+    return tuple(
+        KnownLength(
+            point_a=bar.point_a,
+            point_b=bar.point_b,
+            length_mm=bar.used_length_mm(),
+            sigma_mm=bar.sigma_mm,
         )
-    return tuple(lengths)
+        for bar in bars
+    )
 
 
 def _check_bars(

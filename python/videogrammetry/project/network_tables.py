@@ -30,6 +30,7 @@ from videogrammetry.project.tables import (
     POINT_SIGMAS,
     SCALE_BAR_COLUMNS,
     SCALE_BAR_OPTIONAL,
+    read_lengths,
 )
 from videogrammetry.types import FloatArray
 
@@ -86,7 +87,7 @@ class NamedPoints:
 class NamedScaleBar:
     """A known distance, brought to the temperature at which it was used.
 
-    ``length_mm`` = calibrated_mm (1 + alpha (T - T_reference)).
+    ``calibrated_mm`` is the certificate's.
     """
 
     point_a: str
@@ -195,9 +196,7 @@ def read_network_points(path: str | os.PathLike[str]) -> NamedPoints:
 def read_network_scale_bars(path: str | os.PathLike[str]) -> tuple[NamedScaleBar, ...]:
     """Reads known distances; the length is that at the temperature of the pictures.
 
-    L = L0 (1 + alpha_per_K (temperature_C - reference_C)); without a reference, 20 C
-    as ISO 1 has it. Without a temperature the length is as stated; a temperature and a
-    reference without a coefficient are an error, for they would have no effect.
+    See :meth:`~videogrammetry.project.tables.CalibratedLength.used_length_mm`.
 
     Examples
     --------
@@ -211,42 +210,22 @@ def read_network_scale_bars(path: str | os.PathLike[str]) -> tuple[NamedScaleBar
     table = read_csv(path, SCALE_BAR_COLUMNS, SCALE_BAR_OPTIONAL)
     for column in ("point_a", "point_b"):
         _canonical(table, column)
-    lengths = table.floats("length_mm", check=_positive, expected="a positive length")
-    sigmas = table.floats("sigma_mm", check=_positive, expected="a positive sigma")
-    alpha, used_at, reference = (
-        _optional(table, name, "a number") for name in SCALE_BAR_OPTIONAL[:3]
-    )
     bars = []
-    for row in range(len(table)):
+    for row, length in enumerate(read_lengths(table)):
         ends = [table.texts(column)[row] for column in ("point_a", "point_b")]
         for column, end in zip(("point_a", "point_b"), ends, strict=True):
             if not end:
                 raise table.error(row, column, "is empty: name the point")
         if ends[0] == ends[1]:
             raise table.error(row, "point_b", "both ends are the same point: correct one")
-        factor = 1.0
-        if not np.isnan(alpha[row]):
-            if not abs(alpha[row]) < 1e-3:
-                raise table.error(
-                    row, "alpha_per_K", f"{alpha[row]:g} is no coefficient of expansion per kelvin "
-                    "(steel 1.15e-5, carbon fibre near 0): not per million?",
-                )  # fmt: skip
-            zero = 20.0 if np.isnan(reference[row]) else reference[row]
-            if not np.isnan(used_at[row]):
-                factor += float(alpha[row] * (used_at[row] - zero))
-        elif not np.isnan(used_at[row]) and not np.isnan(reference[row]):
-            raise table.error(
-                row, "temperature_C", "is given without alpha_per_K, so that the length cannot be "
-                "corrected: give the bar's coefficient of expansion (0 for none)",
-            )  # fmt: skip
         bars.append(
             NamedScaleBar(
                 point_a=ends[0],
                 point_b=ends[1],
-                length_mm=float(lengths[row]) * factor,
-                sigma_mm=float(sigmas[row]),
-                calibrated_mm=float(lengths[row]),
-                certificate=table.texts("certificate")[row] if "certificate" in table else "",
+                length_mm=length.used_length_mm(),
+                sigma_mm=length.sigma_mm,
+                calibrated_mm=length.length_mm,
+                certificate=length.certificate,
             )
         )
     return tuple(bars)

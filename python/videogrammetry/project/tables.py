@@ -33,20 +33,52 @@ TARGET_COLUMNS = (
 TARGET_OPTIONAL = ("id_confidence",)
 #: A priori standard deviation of an observation whose table states none.
 DEFAULT_SIGMA_PX = 0.05
+#: Temperature at which lengths are stated unless something else is said (ISO 1).
+ISO_REFERENCE_C = 20.0
+#: No solid expands as much per kelvin; what is larger was given per million.
+_MOST_ALPHA_PER_K = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScaleBar:
-    """A known distance between two points; temperatures in degrees Celsius, None = not stated."""
+class CalibratedLength:
+    """A length as its certificate states it; temperatures in degrees Celsius.
 
-    point_a: int
-    point_b: int
+    ``alpha_per_K``: the coefficient of expansion. None = not stated.
+    """
+
     length_mm: float
     sigma_mm: float
     alpha_per_K: float | None = None
     temperature_C: float | None = None
     reference_C: float | None = None
     certificate: str = ""
+
+    def used_length_mm(self) -> float:
+        """The length at the temperature at which it was used: L (1 + alpha (T - T0)).
+
+        T0 is ``reference_C``, where that is not stated the 20 C of ISO 1, at which lengths
+        are certified. Without alpha or T the length is as stated.
+
+        Examples
+        --------
+        >>> bar = CalibratedLength(
+        ...     length_mm=1000.0, sigma_mm=0.01, alpha_per_K=1e-5, temperature_C=25.0
+        ... )
+        >>> round(bar.used_length_mm(), 6)
+        1000.05
+        """
+        if self.alpha_per_K is None or self.temperature_C is None:
+            return self.length_mm
+        reference = ISO_REFERENCE_C if self.reference_C is None else self.reference_C
+        return self.length_mm * (1.0 + self.alpha_per_K * (self.temperature_C - reference))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleBar(CalibratedLength):
+    """A known distance between two points."""
+
+    point_a: int
+    point_b: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,31 +276,50 @@ def write_observations(path: str | os.PathLike[str], observations: Observations)
     write_csv(path, (*OBSERVATION_COLUMNS, "sigma_px"), columns)
 
 
-def read_scale_bars(path: str | os.PathLike[str]) -> list[ScaleBar]:
-    """Reads a scale-bar CSV."""
-    table = read_csv(path, SCALE_BAR_COLUMNS, SCALE_BAR_OPTIONAL)
-    ends = table.integers("point_a"), table.integers("point_b")
+def read_lengths(table: CsvTable) -> list[CalibratedLength]:
+    """What every scale-bar table says of its lengths, a row each.
+
+    A temperature and a reference without a coefficient are an error, for they would
+    have no effect.
+    """
     lengths = table.floats("length_mm", check=_positive, expected="a positive length")
     sigmas = table.floats("sigma_mm", check=_positive, expected="a positive sigma")
     thermal = {
         name: table.floats(name, empty=np.nan) if name in table else np.full(len(table), np.nan)
         for name in SCALE_BAR_OPTIONAL[:3]
     }
-    bars = []
+    result = []
     for row in range(len(table)):
+        given = {k: None if np.isnan(v[row]) else float(v[row]) for k, v in thermal.items()}
+        length = CalibratedLength(
+            length_mm=float(lengths[row]),
+            sigma_mm=float(sigmas[row]),
+            certificate=table.texts("certificate")[row] if "certificate" in table else "",
+            **given,
+        )
+        if length.alpha_per_K is not None and not abs(length.alpha_per_K) < _MOST_ALPHA_PER_K:
+            raise table.error(
+                row, "alpha_per_K", f"{length.alpha_per_K:g} is no coefficient of expansion per "
+                "kelvin (steel 1.15e-5, carbon fibre near 0): not per million?",
+            )  # fmt: skip
+        if length.alpha_per_K is None and None not in (length.temperature_C, length.reference_C):
+            raise table.error(
+                row, "temperature_C", "is given without alpha_per_K, so that the length cannot be "
+                "corrected: give the bar's coefficient of expansion (0 for none)",
+            )  # fmt: skip
+        result.append(length)
+    return result
+
+
+def read_scale_bars(path: str | os.PathLike[str]) -> list[ScaleBar]:
+    """Reads a scale-bar CSV."""
+    table = read_csv(path, SCALE_BAR_COLUMNS, SCALE_BAR_OPTIONAL)
+    ends = table.integers("point_a"), table.integers("point_b")
+    bars = []
+    for row, length in enumerate(read_lengths(table)):
         if ends[0][row] == ends[1][row]:
             raise table.error(row, "point_b", "both ends are the same point: correct one")
-        given = {k: None if np.isnan(v[row]) else float(v[row]) for k, v in thermal.items()}
-        bars.append(
-            ScaleBar(
-                point_a=int(ends[0][row]),
-                point_b=int(ends[1][row]),
-                length_mm=float(lengths[row]),
-                sigma_mm=float(sigmas[row]),
-                certificate=table.texts("certificate")[row] if "certificate" in table else "",
-                **given,
-            )
-        )
+        bars.append(ScaleBar(point_a=int(ends[0][row]), point_b=int(ends[1][row]), **vars(length)))
     return bars
 
 

@@ -8,6 +8,7 @@
 
 #include "videogrammetry/core/cpu.h"
 #include "videogrammetry/core/image_view.h"
+#include "videogrammetry/core/median.h"
 #include "videogrammetry/core/thread_pool.h"
 
 namespace videogrammetry {
@@ -27,6 +28,13 @@ TEST(ImageView, RefusesAStrideShorterThanARow) {
   const std::array<std::uint8_t, 16> samples{};
   EXPECT_THROW(ImageView8(samples.data(), 5, 2, 4), std::invalid_argument);
   EXPECT_THROW(ImageView8(samples.data(), -1, 2, 4), std::invalid_argument);
+}
+
+TEST(Median, IsTheMiddleOrTheUpperOfTwo) {
+  EXPECT_EQ(Median({3.0}), 3.0);
+  EXPECT_EQ(Median({9.0, -1.0, 4.0}), 4.0);
+  EXPECT_EQ(Median({9.0, -1.0, 4.0, 5.0}), 5.0);
+  EXPECT_EQ(Median({2.0, 2.0, 1.0, 2.0}), 2.0);
 }
 
 TEST(ParallelFor, VisitsEveryIndexOnceWhateverTheThreads) {

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from videogrammetry.calibration.object_frame import fit_rigid
+from videogrammetry.geometry import fit_rigid
 from videogrammetry.project import read_points
 from videogrammetry.types import matrix_from_cov6
 
@@ -49,7 +49,7 @@ def test_coordinates_agree_with_the_truth_within_their_sigmas(photos, measured):
     common, i, k = np.intersect1d(found.id, truth.id, return_indices=True)
     assert len(common) >= 50
     assert len(found) >= len(common) + 30  # un-coded dots too
-    rotation, shift = fit_rigid(found.position_mm[i], truth.position_mm[k])
+    rotation, shift, _ = fit_rigid(truth.position_mm[k], found.position_mm[i])
     error = found.position_mm[i] @ rotation.T + shift - truth.position_mm[k]
     cov = np.einsum("ab,nbc,dc->nad", rotation, matrix_from_cov6(found.cov_mm2[i]), rotation)
     scaled = np.abs(error / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))).max(axis=1)

@@ -83,7 +83,7 @@ def test_what_lacks_is_named(folder: Path) -> None:
 def test_lengths_at_their_temperature() -> None:
     bar = ScaleBar(
         point_a=1, point_b=2, length_mm=1000.0, sigma_mm=0.01,
-        alpha_per_K=1e-5, temperature_C=30.0, reference_C=20.0,
+        alpha_per_K=1e-5, temperature_C=30.0,
     )  # fmt: skip
     plain_bar = ScaleBar(point_a=1, point_b=2, length_mm=1000.0, sigma_mm=0.01)
     lengths = known_lengths([bar, plain_bar])

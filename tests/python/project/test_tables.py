@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from videogrammetry.errors import TableError
+from videogrammetry.pipeline.calibrate import known_lengths
 from videogrammetry.project import (
     MotionTable,
     ScaleBar,
@@ -28,6 +29,7 @@ from videogrammetry.project import (
     write_scale_bars,
     write_text,
 )
+from videogrammetry.project.network_tables import read_network_scale_bars
 from videogrammetry.types import Observations, PointSet, Targets
 
 RNG = np.random.default_rng(11)
@@ -178,6 +180,43 @@ def test_scale_bars_round_trip(tmp_path: Path) -> None:
     path = write(tmp_path, "point_a,point_b,length_mm,sigma_mm\n1,1,100,0.1\n")
     with pytest.raises(TableError, match="line 2, column point_b: both ends"):
         read_scale_bars(path)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "used", "reference", "length"),
+    [
+        (None, None, None, 1000.0),
+        (1.2e-5, 25.0, 20.0, 1000.06),
+        (1.2e-5, 25.0, 22.0, 1000.036),
+        (1.2e-5, 25.0, None, 1000.06),  # a certificate's 20 C
+        (1.2e-5, 20.0, None, 1000.0),
+        (-1e-6, 30.0, 20.0, 999.99),  # carbon fibre shrinks
+        (1.2e-5, None, 20.0, 1000.0),
+        (None, 25.0, None, 1000.0),
+        (0.0, 25.0, 20.0, 1000.0),
+    ],
+)
+def test_a_bar_at_the_temperature_of_its_use(tmp_path, alpha, used, reference, length) -> None:
+    """The same of the method and of both kinds of tables."""
+    bar = ScaleBar(
+        point_a=1, point_b=2, length_mm=1000.0, sigma_mm=0.01,
+        alpha_per_K=alpha, temperature_C=used, reference_C=reference,
+    )  # fmt: skip
+    assert bar.used_length_mm() == pytest.approx(length, rel=1e-15)
+    write_scale_bars(tmp_path / "b.csv", [bar])
+    assert read_scale_bars(tmp_path / "b.csv")[0].used_length_mm() == bar.used_length_mm()
+    assert read_network_scale_bars(tmp_path / "b.csv")[0].length_mm == bar.used_length_mm()
+    assert known_lengths(tmp_path / "b.csv")[0].length_mm == bar.used_length_mm()
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [("1,2,1000,0.01,11.5,20,20,", "not per million"), ("1,2,1000,0.01,,25,20,", "without alpha")],
+)
+def test_temperatures_that_cannot_be_used(tmp_path: Path, row: str, message: str) -> None:
+    header = "point_a,point_b,length_mm,sigma_mm,alpha_per_K,temperature_C,reference_C,certificate"
+    with pytest.raises(TableError, match=message):
+        read_scale_bars(write(tmp_path, f"{header}\n{row}\n"))
 
 
 def some_targets(ids: list[int]) -> Targets:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from videogrammetry.calibration.additional_points import check_free_points
 from videogrammetry.calibration.interfaces import (
     apparent_target,
     check_interfaces,
@@ -76,6 +77,7 @@ def calibrate(
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {options.method!r}")
     check_input(cameras, target)
     check_interfaces(cameras, options)
+    check_free_points(options)
     try:
         return _calibrate(cameras, target, options)
     except CalibrationError as error:
@@ -111,7 +113,7 @@ def _calibrate(
     cameras: Sequence[CameraFrames], target: PointSet, options: CalibrationOptions
 ) -> CalibrationRun:
     began = time.perf_counter()
-    pictures = collect_pictures(cameras, target)
+    pictures = collect_pictures(cameras, target, keep_unknown=options.free_points != "none")
     seen = [apparent_target(c, target, options) for c in cameras]
     starts = [start_camera(c, pictures.of_camera(i), seen[i]) for i, c in enumerate(cameras)]
     rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, seen)

@@ -117,6 +117,7 @@ def calibrate_by(
             interfaces=calibration_interfaces(project),
             time_offset=section.time_offset and method == "joint",
             lengths=lengths if target is not None and method == "joint" else (),
+            free_points=section.free_points if method == "joint" else "none",
             num_threads=num_threads,
         )
         progress(0, 1, "adjusting")

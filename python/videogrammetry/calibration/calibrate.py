@@ -21,6 +21,7 @@ from videogrammetry.calibration.pictures import check_input, collect_pictures, t
 from videogrammetry.calibration.result import calibration_run
 from videogrammetry.calibration.run import CalibrationOptions, CalibrationRun, CameraFrames
 from videogrammetry.calibration.start import start_camera
+from videogrammetry.calibration.suspicions import check_frames, doubts_of_target
 from videogrammetry.calibration.volume import with_volume
 from videogrammetry.errors import CalibrationError
 from videogrammetry.types import PointSet
@@ -78,6 +79,7 @@ def calibrate(
     check_input(cameras, target)
     check_interfaces(cameras, options)
     check_free_points(options)
+    check_frames(cameras)
     try:
         return _calibrate(cameras, target, options)
     except CalibrationError as error:
@@ -115,6 +117,7 @@ def _calibrate(
     began = time.perf_counter()
     pictures = collect_pictures(cameras, target, keep_unknown=options.free_points != "none")
     seen = [apparent_target(c, target, options) for c in cameras]
+    pictures = replace(pictures, warnings=(*pictures.warnings, *doubts_of_target(target)))
     starts = [start_camera(c, pictures.of_camera(i), seen[i]) for i, c in enumerate(cameras)]
     rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, seen)
     for camera, stage in rig.dropped:

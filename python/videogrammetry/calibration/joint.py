@@ -26,6 +26,7 @@ from videogrammetry.calibration.result import Outcome, adjusted_bars
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames
 from videogrammetry.calibration.solving import Solution, finished, solve
 from videogrammetry.calibration.start import CameraStart
+from videogrammetry.calibration.suspicions import doubts_of_lengths
 from videogrammetry.types import FloatArray, PointSet
 
 
@@ -59,6 +60,9 @@ def calibrate_joint(
         solution, extra = _with_additional(solution, cameras, f_given, target, target_cov, options)
         warnings = [*warnings, *extra.warnings]
     n = len(target)
+    bars = _bars(solution, target, options) if options.lengths else None
+    if bars is not None:
+        warnings = [*warnings, *doubts_of_lengths(bars, options.lengths)]
     network, adjustment, dispersion = bundle.network, solution.adjustment, solution.dispersion
     return Outcome(
         solutions=(solution,),
@@ -75,7 +79,7 @@ def calibrate_joint(
         rejected=(*rig.rejected, *(extra.sightings.rejected if extra else ())),
         warnings=warnings,
         statistics=_time_offsets(cameras, solution) if options.time_offset else {},
-        bars=_bars(solution, target, options) if options.lengths else None,
+        bars=bars,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from videogrammetry.calibration.bundle import (
 from videogrammetry.calibration.circles import complete_circles
 from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
+from videogrammetry.calibration.suspicions import check_attitudes, doubts_of_result
 from videogrammetry.calibration.uncoded import assign_uncoded, faces
 from videogrammetry.errors import CalibrationError
 from videogrammetry.types import PointSet
@@ -108,11 +109,16 @@ def finished(
     names = [camera.name for camera in cameras]
     _check(bundle, adjustment, cameras, f_given)
     _check_facing(bundle, adjustment, target)
+    check_attitudes(bundle, cameras, f_given, target)
     rejected = dropped_rejections(adjustment, bundle.camera_of, names)
     rejected += observation_rejections(bundle, adjustment, names, target)
     return Solution(
         bundle=bundle, adjustment=adjustment, dispersion=dispersion, rejected=tuple(rejected),
-        warnings=(*_doubts(bundle, adjustment, cameras), *remarks), remarks=remarks,
+        warnings=(
+            *_doubts(bundle, adjustment, cameras),
+            *doubts_of_result(bundle, adjustment, cameras),
+            *remarks,
+        ), remarks=remarks,
     )  # fmt: skip
 
 

@@ -98,6 +98,12 @@ def calibration_run(
         "image_coordinates": sum(a.num_observations for a in adjustments),
         "rms_px": rms_px(table.residual_px[used]), **outcome.statistics,
     }  # fmt: skip
+    if extra is not None:
+        how["additional_points"] = {
+            "fixed_to": extra.mode,
+            "points": len(extra),
+            "observations": len(extra.observations),
+        }
     kept = {
         names[camera]: s.bundle.network.free(index)
         for s in outcome.solutions

@@ -6,10 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibration.test_calibrate_bad_input import tables_of
 from scipy.stats import chi2
 
 from videogrammetry.calibration import CalibrationOptions, FrameTargets, calibrate
+from videogrammetry.cli.main import main
 from videogrammetry.geometry import project, vector_from_rotation
+from videogrammetry.project import read_rig
 
 NOISE_PX, SIGMA_MM, COUNT = 0.02, 0.05, 25
 FREE = ("f", "x0", "y0", "A1")
@@ -157,6 +160,28 @@ def test_a_misread_number_is_rejected_and_places_are_right(scene):
     sigma = np.sqrt(np.diagonal(good.additional.cov_mm2, axis1=1, axis2=2))
     # One of some 130 image points less.
     assert np.abs(moved / sigma).max() < 1.0
+
+
+def test_by_the_project_file(scene, tmp_path, capsys):
+    s = small_target(scene, 5)
+    s.frames = with_more(s, "room", 5)
+    tables = tables_of(s)
+    tables.calibration = ["r0_px = 400.0", f"sigma_mm = {SIGMA_MM}", 'free = ["f", "x0"]']
+    sigmas = []
+    for more in ([], ['free_points = "room"']):
+        tables.calibration += more
+        tables.write(tmp_path)
+        assert main(["calibrate", str(tmp_path), "--force"]) == 0
+        rig = read_rig(tmp_path / "rig.json")
+        sigmas.append(rig.cameras["c2"].sigma["rx"])
+    assert sigmas[1] < 0.7 * sigmas[0]
+    assert "free points (room) in" in capsys.readouterr().out
+    assert rig.how["additional_points"]["fixed_to"] == "room"
+    assert "points beside the target (room)" in (tmp_path / "rig-report.html").read_text()
+    tables.calibration += ["time_offset = true"]
+    tables.write(tmp_path)
+    assert main(["calibrate", str(tmp_path), "--force"]) == 1
+    assert "free_points and time_offset do not go together" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def small_rig(cameras: int = 3) -> RigData:
 def positions(stage: int) -> np.ndarray:
     """(8, 3) where the targets are at a stage, from 1; the motion repeats every 20 stages."""
     phase = 2 * np.pi * (stage - 1) / PERIOD
-    moved = _FLAT + [4 * np.cos(phase), 3 * np.sin(phase), 0]
+    moved = _FLAT + np.array([4 * np.cos(phase), 3 * np.sin(phase), 0])
     moved[:, 2] += 5 * np.sin(phase + _FLAT[:, 0] / 60)
     return moved
 

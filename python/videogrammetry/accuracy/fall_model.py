@@ -96,8 +96,8 @@ def drag_path(
             slope, (0.0, end), np.zeros(6), method="DOP853", dense_output=True,
             rtol=1e-10, atol=1e-9,
         )  # fmt: skip
-        dense: Callable[[FloatArray], FloatArray] = solved.sol  # type: ignore[assignment]
-        path[side] = dense(time_s[side])[:3].T
+        assert solved.sol is not None  # dense_output
+        path[side] = solved.sol(time_s[side])[:3].T
     return path
 
 

@@ -12,7 +12,7 @@ from videogrammetry.adjustment import CAMERA_UNKNOWNS, Adjustment, Network
 from videogrammetry.calibration.interfaces import add_interfaces, in_target_frame
 from videogrammetry.calibration.late_cameras import image_motion, less_bend
 from videogrammetry.calibration.linking import Rigid, compose
-from videogrammetry.calibration.pictures import Picture
+from videogrammetry.calibration.pictures import MIN_POINTS, Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
 from videogrammetry.calibration.start import CameraStart
 from videogrammetry.errors import CalibrationError
@@ -39,7 +39,8 @@ class Bundle:
     of its own); ``pictures``: one a network image; ``stage_pose``: the network pose of
     a stage; ``circle_normal`` (N, 3), ``circle_diameter_mm`` (N,): the circles that the
     network knows, NaN for points that are none; ``windows``: name -> the network's
-    window; ``camera_windows``: the one of each camera, None: none; ``time_offset``: whether
+    window; ``camera_windows``: the one of each camera, None: none; ``inner``: the inner pose
+    of pictures of additional points, by picture; ``time_offset``: whether
     cameras may be late, ``delay`` (C,) by which part of a stage they are.
     """
 
@@ -52,6 +53,7 @@ class Bundle:
     circle_diameter_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     windows: dict[str, int] = field(default_factory=dict)
     camera_windows: list[int | None] = field(default_factory=list)
+    inner: dict[int, int] = field(default_factory=dict)
     time_offset: bool = False
     delay: FloatArray = field(default_factory=lambda: np.empty(0))
 
@@ -85,7 +87,8 @@ class Bundle:
     def cam_from_target(self, image: int) -> Rigid:
         """A picture's pose as it stands."""
         picture = self.pictures[image]
-        inner = self.network.pose(self.stage_pose[picture.stage])
+        own = self.inner.get(image)
+        inner = self.network.pose(self.stage_pose[picture.stage] if own is None else own)
         if not self.outer:
             return inner
         return compose(self.network.pose(self.outer[picture.camera]), inner)
@@ -131,6 +134,28 @@ class Bundle:
     def point_of(self) -> IntArray:
         """(M,) row of the target of every observation."""
         return np.concatenate([p.point for p in self.pictures])
+
+
+def set_target_points(
+    network: Network,
+    target: PointSet,
+    target_cov: FloatArray,
+    options: CalibrationOptions,
+    additional_mm: FloatArray | None = None,
+) -> None:
+    """The target's points as observed, then free ones at ``additional_mm`` (P, 3)."""
+    n, size = len(target), float(np.linalg.norm(np.ptp(target.position_mm, axis=0)))
+    extra = np.empty((0, 3)) if additional_mm is None else additional_mm
+    network.set_points(
+        np.concatenate([target.id, np.arange(len(extra))]),
+        np.concatenate([target.position_mm, extra]),
+        np.concatenate([target_cov, np.zeros((len(extra), 3, 3))]),
+        kind=["weighted"] * n + ["free"] * len(extra),
+    )
+    if options.sigma_mm is None and target.full_cov_mm2 is not None:
+        # A coordinate stated without error would make the weights infinite.
+        joint = target.full_cov_mm2 + np.eye(3 * n) * (1e-7 * size) ** 2
+        network.set_point_prior(np.arange(n), target.position_mm, joint)
 
 
 def joint_bundle(
@@ -182,12 +207,7 @@ def joint_bundle(
             picture.image, picture.camera, outer=outer, inner=bundle.stage_pose[picture.stage]
         )
         bundle.pictures.append(picture)
-    network.set_points(target.id, target.position_mm, target_cov)
-    if options.sigma_mm is None and target.full_cov_mm2 is not None:
-        # A coordinate stated without error would make the weights infinite.
-        size = float(np.linalg.norm(np.ptp(target.position_mm, axis=0)))
-        joint = target.full_cov_mm2 + np.eye(3 * len(target)) * (1e-7 * size) ** 2
-        network.set_point_prior(np.arange(len(target)), target.position_mm, joint)
+    set_target_points(network, target, target_cov, options)
     _set_lengths(network, target, options)
     bundle.set_known_circles(target, options.eccentricity and not options.interfaces)
     bundle.set_observations()
@@ -250,7 +270,7 @@ def observation_rejections(
     images, points = bundle.image_of, bundle.point_of
     for image, picture in enumerate(bundle.pictures):
         out = ~adjustment.used[images == image]
-        if 2 * out.sum() > len(picture):
+        if len(picture) >= MIN_POINTS and 2 * out.sum() > len(picture):
             residual = rms_px(adjustment.residual_px[images == image])
             rejected.append(
                 Rejection(

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from videogrammetry.calibration.additional_points import check_free_points
 from videogrammetry.calibration.interfaces import (
     apparent_target,
     check_interfaces,
@@ -20,6 +21,7 @@ from videogrammetry.calibration.pictures import check_input, collect_pictures, t
 from videogrammetry.calibration.result import calibration_run
 from videogrammetry.calibration.run import CalibrationOptions, CalibrationRun, CameraFrames
 from videogrammetry.calibration.start import start_camera
+from videogrammetry.calibration.suspicions import check_frames, doubts_of_target
 from videogrammetry.calibration.volume import with_volume
 from videogrammetry.errors import CalibrationError
 from videogrammetry.types import PointSet
@@ -76,6 +78,8 @@ def calibrate(
         raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {options.method!r}")
     check_input(cameras, target)
     check_interfaces(cameras, options)
+    check_free_points(options)
+    check_frames(cameras)
     try:
         return _calibrate(cameras, target, options)
     except CalibrationError as error:
@@ -111,8 +115,9 @@ def _calibrate(
     cameras: Sequence[CameraFrames], target: PointSet, options: CalibrationOptions
 ) -> CalibrationRun:
     began = time.perf_counter()
-    pictures = collect_pictures(cameras, target)
+    pictures = collect_pictures(cameras, target, keep_unknown=options.free_points != "none")
     seen = [apparent_target(c, target, options) for c in cameras]
+    pictures = replace(pictures, warnings=(*pictures.warnings, *doubts_of_target(target)))
     starts = [start_camera(c, pictures.of_camera(i), seen[i]) for i, c in enumerate(cameras)]
     rig = link_cameras([c.name for c in cameras], starts, pictures.pictures, seen)
     for camera, stage in rig.dropped:

@@ -39,6 +39,7 @@ from videogrammetry.calibration.run import (
 )
 from videogrammetry.calibration.solving import Solution
 from videogrammetry.calibration.start import START_GATE, CameraStart, start_interior
+from videogrammetry.calibration.suspicions import check_frames, doubts_of_result
 from videogrammetry.calibration.volume import with_volume
 from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import default_r0_px, rays_through_pixels
@@ -97,6 +98,7 @@ def calibrate_free_points(
             f"camera {refracted[0]}: it looks through an interface; points of unknown place have "
             "no refraction: calibrate with a target of known points"
         )
+    check_frames(cameras)
     places, pictures, rejected = _collect(cameras, frozenset(still))
     bars = _bars(places, lengths)
     network = _start(cameras, places, pictures, bars)
@@ -405,7 +407,8 @@ def _solve(
         )
     return Solution(
         bundle=bundle, adjustment=adjustment, dispersion=bundle.network.dispersion(),
-        rejected=tuple(rejected), warnings=(),
+        rejected=tuple(rejected),
+        warnings=tuple(doubts_of_result(bundle, adjustment, cameras)),
     )  # fmt: skip
 
 

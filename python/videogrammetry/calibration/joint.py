@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from videogrammetry.adjustment import CAMERA_UNKNOWNS
-from videogrammetry.calibration.bundle import joint_bundle
+from videogrammetry.adjustment import CAMERA_UNKNOWNS, AdjustOptions
+from videogrammetry.calibration.additional_points import (
+    Placed,
+    add_to_bundle,
+    additional_sightings,
+    place_sightings,
+    with_points,
+)
+from videogrammetry.calibration.bundle import joint_bundle, offered, offered_names
 from videogrammetry.calibration.interfaces import adjusted_interfaces
 from videogrammetry.calibration.linking import RigStart
 from videogrammetry.calibration.mirrored import settle_doubtful
@@ -16,8 +24,9 @@ from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.pictures import Pictures
 from videogrammetry.calibration.result import Outcome, adjusted_bars
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames
-from videogrammetry.calibration.solving import Solution, solve
+from videogrammetry.calibration.solving import Solution, finished, solve
 from videogrammetry.calibration.start import CameraStart
+from videogrammetry.calibration.suspicions import doubts_of_lengths
 from videogrammetry.types import FloatArray, PointSet
 
 
@@ -46,6 +55,14 @@ def calibrate_joint(
     changed, warnings = settle_doubtful(solution, rig.doubtful)
     if changed:
         solution = solve(bundle, cameras, f_given, target, options)
+    extra = None
+    if options.free_points != "none":
+        solution, extra = _with_additional(solution, cameras, f_given, target, target_cov, options)
+        warnings = [*warnings, *extra.warnings]
+    n = len(target)
+    bars = _bars(solution, target, options) if options.lengths else None
+    if bars is not None:
+        warnings = [*warnings, *doubts_of_lengths(bars, options.lengths)]
     network, adjustment, dispersion = bundle.network, solution.adjustment, solution.dispersion
     return Outcome(
         solutions=(solution,),
@@ -56,13 +73,46 @@ def calibrate_joint(
         interfaces=adjusted_interfaces(
             network, bundle.windows, dispersion.interface_index, dispersion.cov, adjustment.sigma0
         ) if bundle.windows else {},
-        position_mm=network.positions_mm,
-        point_cov_mm2=adjustment.sigma0**2 * solution.dispersion.point_cov_mm2,
-        rejected=rig.rejected,
+        position_mm=network.positions_mm[:n],
+        point_cov_mm2=adjustment.sigma0**2 * dispersion.point_cov_mm2[:n],
+        additional=extra,
+        rejected=(*rig.rejected, *(extra.sightings.rejected if extra else ())),
         warnings=warnings,
         statistics=_time_offsets(cameras, solution) if options.time_offset else {},
-        bars=_bars(solution, target, options) if options.lengths else None,
+        bars=bars,
     )  # fmt: skip
+
+
+def _with_additional(
+    solution: Solution,
+    cameras: Sequence[CameraFrames],
+    f_given: Sequence[bool],
+    target: PointSet,
+    target_cov: FloatArray,
+    options: CalibrationOptions,
+) -> tuple[Solution, Placed]:
+    """The adjustment again with the targets that are not the known target's."""
+    bundle, mode = solution.bundle, options.free_points
+    placed = place_sightings(
+        bundle, cameras, additional_sightings(cameras, bundle, target, mode), mode
+    )
+    if not len(placed.position_mm):
+        nothing = f'free_points = "{mode}": no target beside the known one was placed'
+        return solution, replace(placed, warnings=(*placed.warnings, nothing))
+    add_to_bundle(bundle, placed, target, target_cov, options, solution.adjustment.used)
+    # More points may show what few could not: every parameter is offered anew.
+    for index, camera in enumerate(cameras):
+        bundle.network.set_free(index, offered_names(camera))
+    adjust = AdjustOptions(
+        critical_value=options.critical_value, significance=options.significance,
+        robust_start=False, num_threads=options.num_threads,
+    )  # fmt: skip
+    adjustment = bundle.network.adjust(adjust, offered(cameras))
+    again = finished(
+        bundle, adjustment, bundle.network.dispersion(), cameras, f_given,
+        with_points(target, placed), remarks=solution.remarks,
+    )  # fmt: skip
+    return again, placed
 
 
 def _bars(solution: Solution, target: PointSet, options: CalibrationOptions) -> AdjustedBars:

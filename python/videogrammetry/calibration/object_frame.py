@@ -12,6 +12,11 @@ from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import fit_rigid
 from videogrammetry.types import FloatArray
 
+#: A drawing so many times larger or smaller than what scale bars say is in another unit.
+_OTHER_UNIT = 2.0
+#: A drawing is rough, but not by more than this part of the object's size (RMS).
+_ROUGH = 0.1
+
 
 def own_axes(points_mm: FloatArray, towards_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Origin at the points' mean, x along their longest, y along the next extent.
@@ -68,7 +73,8 @@ def drawing_fit(
 
     Raises
     ------
-    CalibrationError : fewer than three points in common, or all of them on a line.
+    CalibrationError : fewer than three points in common, or all of them on a line; a drawing
+        of another scale than the network's, of the mirror image, or of something else.
     """
     row = {name: i for i, name in enumerate(result.points.name)}
     common = [(row[name], k) for k, name in enumerate(names) if name in row]
@@ -87,6 +93,44 @@ def drawing_fit(
             "lie on one line, about which the object could turn; add points beside it"
         )
     spread = np.linalg.norm(measured - measured.mean(axis=0))
-    scale = 1.0 if has_scale else float(np.linalg.norm(wanted - wanted.mean(axis=0)) / spread)
+    ratio = float(np.linalg.norm(wanted - wanted.mean(axis=0)) / spread)
+    if has_scale and not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+        raise CalibrationError(
+            f"the nominal coordinates are {ratio:.4g} times as large as the object measured with "
+            "the scale bars: the one or the others are not in millimetres; correct them"
+        )
+    scale = 1.0 if has_scale else ratio
+    _check_shape(scale * measured, wanted, [names[k] for _, k in common])
     rotation, shift, _ = fit_rigid(wanted, scale * measured)
     return rotation, shift, scale
+
+
+def _check_shape(measured: FloatArray, wanted: FloatArray, names: list[str]) -> None:
+    """CalibrationError if a drawing is far from what was measured, or its mirror image is nearer.
+
+    Of a flat object there is no mirror image: a turn brings it onto itself.
+    """
+    size = float(np.sqrt(np.mean(np.sum((wanted - wanted.mean(axis=0)) ** 2, axis=1))))
+
+    def away(points: FloatArray) -> FloatArray:
+        rotation, shift, _ = fit_rigid(wanted, points)
+        distance: FloatArray = np.linalg.norm(points @ rotation.T + shift - wanted, axis=1)
+        return distance
+
+    distance = away(measured)
+    misfit = float(np.sqrt(np.mean(distance**2))) / size
+    if misfit < _ROUGH:
+        return
+    mirrored = float(np.sqrt(np.mean(away(measured * [1.0, 1.0, -1.0]) ** 2))) / size
+    if mirrored < _ROUGH:
+        raise CalibrationError(
+            f"the mirror image of the nominal coordinates fits the object ({mirrored:.1%} of its "
+            f"size), they themselves do not ({misfit:.0%}): change the sign of one coordinate of "
+            "theirs, or, if the photographs are mirrored, mirror them back"
+        )
+    worst = ", ".join(names[k] for k in np.argsort(-distance)[:4])
+    raise CalibrationError(
+        f"the nominal coordinates are not those of the object: after the best shift and turn the "
+        f"{len(names)} common points are {misfit:.0%} of its size away (most: {worst}); are its "
+        "points named by other numbers, or is it the table of another object?"
+    )

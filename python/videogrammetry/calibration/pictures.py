@@ -96,8 +96,12 @@ def target_covariance(target: PointSet, options: CalibrationOptions) -> FloatArr
     return cov + np.eye(3) * (1e-7 * size) ** 2
 
 
-def collect_pictures(cameras: Sequence[CameraFrames], target: PointSet) -> Pictures:
+def collect_pictures(
+    cameras: Sequence[CameraFrames], target: PointSet, *, keep_unknown: bool = False
+) -> Pictures:
     """Sort every frame's targets: known, un-coded, unknown to the target (counted), duplicate.
+
+    ``keep_unknown``: numbers that the target has not are of use elsewhere and not listed.
 
     Raises
     ------
@@ -127,7 +131,9 @@ def collect_pictures(cameras: Sequence[CameraFrames], target: PointSet) -> Pictu
             "target file is another one"
         )
     warnings = []
-    if unknown:
+    if keep_unknown:
+        rejected = [r for r in rejected if r.kind != "unknown-target"]
+    elif unknown:
         numbers = sorted({r.point_id for r in rejected if r.kind == "unknown-target"}, key=str)
         warnings.append(
             f"{unknown} of {coded} numbers read are not in the target's point list and are left "
@@ -189,6 +195,21 @@ def _sort_frame(
         open_ellipse=ellipse[no_number], open_ellipse_cov=ellipse_cov[no_number],
     )  # fmt: skip
     return picture, rejected
+
+
+def unread_picture(
+    camera: int, frame: FrameTargets, point: Sequence[int], rows: Sequence[int]
+) -> Picture:
+    """Some of a frame's targets, as sightings of these points, without the others."""
+    keep = list(rows)
+    ellipse, ellipse_cov = _ellipses(frame, len(frame.id))
+    return Picture(
+        camera=camera, stage=frame.stage, image=frame.image, point=np.array(point, np.int32),
+        xy_px=np.asarray(frame.xy_px, float)[keep], cov_px2=np.asarray(frame.cov_px2, float)[keep],
+        open_xy_px=np.empty((0, 2)), open_cov_px2=np.empty((0, 3)),
+        ellipse=ellipse[keep], ellipse_cov=ellipse_cov[keep],
+        open_ellipse=np.empty((0, 3)), open_ellipse_cov=np.empty((0, 3, 3)),
+    )  # fmt: skip
 
 
 def _ellipses(frame: FrameTargets, count: int) -> tuple[FloatArray, FloatArray]:

@@ -7,14 +7,17 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry.adjustment import Adjustment
+from videogrammetry.calibration.additional_points import Placed, with_points
 from videogrammetry.calibration.bundle import POSE_NAMES, rms_px
 from videogrammetry.calibration.interfaces import in_target_frame
 from videogrammetry.calibration.linking import Rigid
 from videogrammetry.calibration.network_result import AdjustedBars
 from videogrammetry.calibration.pictures import Pictures
 from videogrammetry.calibration.run import (
+    AdditionalPoints,
     CalibrationOptions,
     CalibrationRun,
     CameraFrames,
@@ -42,6 +45,7 @@ CAMERA_PARAMETERS = (*INTERIOR_NAMES, *POSE_NAMES)
 class Outcome:
     """What a method of calibration hands over.
 
+    ``additional``: points beside the target, whose rows follow the target's;
     ``solutions``: one of all cameras (joint) or one a camera (mean); ``cov``
     (16 C, 16 C) in the order of ``CAMERA_PARAMETERS`` camera by camera.
     """
@@ -58,6 +62,7 @@ class Outcome:
     warnings: Sequence[str] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict)
     bars: AdjustedBars | None = None
+    additional: Placed | None = None
 
 
 def calibration_run(
@@ -71,12 +76,20 @@ def calibration_run(
 ) -> CalibrationRun:
     """Everything in the shape that files, reports and the command use."""
     names = tuple(camera.name for camera in cameras)
-    table = observation_table(outcome.solutions, target)
+    additional = outcome.additional
+    every = target if additional is None else with_points(target, additional)
+    table = observation_table(outcome.solutions, every)
+    extra = None
+    if additional is not None and len(every) > len(target):
+        of_target = _of_target(outcome.solutions, len(target))
+        extra = _additional(outcome, options.free_points, additional, table.rows(~of_target))
+        table = table.rows(of_target)
     used = table.used
     of = {name: used & (table.camera == index) for index, name in enumerate(names)}
     adjustments = [s.adjustment for s in outcome.solutions]
     redundancy = sum(a.redundancy for a in adjustments)
-    of_target = sum(a.point_redundancy for a in adjustments)
+    target_redundancy = sum(a.point_redundancy for a in adjustments)
+    of_points = sum(a.point_factor * a.point_redundancy for a in adjustments)
     squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
     sigma0 = float(np.sqrt(squares / redundancy))
     how = {
@@ -85,6 +98,12 @@ def calibration_run(
         "image_coordinates": sum(a.num_observations for a in adjustments),
         "rms_px": rms_px(table.residual_px[used]), **outcome.statistics,
     }  # fmt: skip
+    if extra is not None:
+        how["additional_points"] = {
+            "fixed_to": extra.mode,
+            "points": len(extra),
+            "observations": len(extra.observations),
+        }
     kept = {
         names[camera]: s.bundle.network.free(index)
         for s in outcome.solutions
@@ -123,12 +142,32 @@ def calibration_run(
             *outcome.warnings,
         ),
         seconds=seconds,
-        target_factor=sum(a.point_factor * a.point_redundancy for a in adjustments) / of_target
-        if of_target > 0
-        else None,
-        target_redundancy=of_target,
+        target_factor=of_points / target_redundancy if target_redundancy > 0 else None,
+        target_redundancy=target_redundancy,
         bars=outcome.bars,
+        additional=extra,
     )  # fmt: skip
+
+
+def _of_target(solutions: Sequence[Solution], count: int) -> npt.NDArray[np.bool_]:
+    """(M,) which observations are of the target's ``count`` points."""
+    return np.concatenate([s.bundle.point_of for s in solutions]) < count
+
+
+def _additional(
+    outcome: Outcome, mode: str, placed: Placed, observations: ObservationTable
+) -> AdditionalPoints:
+    [solution] = outcome.solutions
+    first = len(outcome.position_mm)
+    cov = solution.adjustment.sigma0**2 * solution.dispersion.point_cov_mm2[first:]
+    return AdditionalPoints(
+        mode=mode,
+        number=placed.sightings.number,
+        stage=placed.sightings.stage,
+        position_mm=solution.bundle.network.positions_mm[first:],
+        cov_mm2=cov,
+        observations=observations,
+    )
 
 
 def adjusted_bars(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -98,6 +98,10 @@ class KnownLength:
     sigma_mm: float
 
 
+#: What additional points of unknown place may stand still relative to.
+FREE_POINTS = ("none", "target", "room", "stage")
+
+
 @dataclass(frozen=True, kw_only=True)
 class CalibrationOptions:
     """How to calibrate.
@@ -129,6 +133,11 @@ class CalibrationOptions:
         (the first is the clock), from how targets move from stage to stage; joint only.
         Stages of neighbouring numbers must be neighbours in time.
     lengths : known distances between the target's points, observed; joint only.
+    free_points : coded targets that the known target has not, as points of unknown place;
+        joint, without windows and time offset. "none": left out. "target": they stand
+        still relative to the target; "room": relative to the cameras; "stage": a point of
+        its own at every stage, which holds whatever moves. Their ellipses' centres are
+        taken for the circles'.
     num_threads : 0 = one a core.
     """
 
@@ -142,6 +151,7 @@ class CalibrationOptions:
     interfaces: tuple[CalibrationInterface, ...] = ()
     time_offset: bool = False
     lengths: tuple[KnownLength, ...] = ()
+    free_points: str = "none"
     num_threads: int = 0
 
 
@@ -166,6 +176,10 @@ class ObservationTable:
     def __len__(self) -> int:
         return len(self.point_id)
 
+    def rows(self, mask: npt.NDArray[np.bool_]) -> ObservationTable:
+        """Some of the observations, (M,) True."""
+        return ObservationTable(**{f.name: getattr(self, f.name)[mask] for f in fields(self)})
+
 
 @dataclass(frozen=True, kw_only=True)
 class Rejection:
@@ -181,6 +195,30 @@ class Rejection:
     point_id: int | None
     value: float
     reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdditionalPoints:
+    """Points of unknown place that a calibration with a known target took along.
+
+    Attributes
+    ----------
+    mode : "target", "room" or "stage", as ``CalibrationOptions.free_points``.
+    number, stage : (P,) of each; stage 0: one point at all stages.
+    position_mm : (P, 3) and cov_mm2 (P, 3, 3), in the target's frame ("target") or the
+        rig's; NaN covariance: its observations were all rejected.
+    observations : as the run's, of these points.
+    """
+
+    mode: str
+    number: IntArray
+    stage: IntArray
+    position_mm: FloatArray
+    cov_mm2: FloatArray
+    observations: ObservationTable
+
+    def __len__(self) -> int:
+        return len(self.number)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,6 +244,8 @@ class CalibrationRun:
     target_factor, target_redundancy : variance factor of the target's coordinates
         and its redundancy; None where it was not estimated.
     bars : known lengths, their ends as rows of ``target``; None where there were none.
+    additional : points beside the target, whose observations are counted in
+        ``num_observations`` but are not in ``observations``; None where there were none.
     """
 
     rig: RigData
@@ -229,6 +269,7 @@ class CalibrationRun:
     target_factor: float | None = None
     target_redundancy: float = 0.0
     bars: AdjustedBars | None = None
+    additional: AdditionalPoints | None = None
 
 
 def check_free(names: Sequence[str], where: str) -> tuple[str, ...]:

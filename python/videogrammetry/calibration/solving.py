@@ -18,6 +18,7 @@ from videogrammetry.calibration.bundle import (
 from videogrammetry.calibration.circles import complete_circles
 from videogrammetry.calibration.pictures import Picture
 from videogrammetry.calibration.run import CalibrationOptions, CameraFrames, Rejection
+from videogrammetry.calibration.suspicions import check_attitudes, doubts_of_result
 from videogrammetry.calibration.uncoded import assign_uncoded, faces
 from videogrammetry.errors import CalibrationError
 from videogrammetry.types import PointSet
@@ -30,13 +31,14 @@ MAX_DELAYS = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """An adjusted network with everything that was left out."""
+    """An adjusted network with everything that was left out; ``remarks``: on its circles."""
 
     bundle: Bundle
     adjustment: Adjustment
     dispersion: Dispersion
     rejected: tuple[Rejection, ...]
     warnings: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
 
 def solve(
@@ -54,7 +56,6 @@ def solve(
         start value, or most points of a camera rejected.
     """
     own = [cameras[i] for i in bundle.camera_of]
-    names = [camera.name for camera in cameras]
     adjust = AdjustOptions(
         critical_value=options.critical_value,
         significance=options.significance,
@@ -89,13 +90,35 @@ def solve(
         if changed:
             adjustment = bundle.network.adjust(again, offered(own))
             dispersion = bundle.network.dispersion()
+    return finished(
+        bundle, adjustment, dispersion, cameras, f_given, target, remarks=tuple(remarks)
+    )
+
+
+def finished(
+    bundle: Bundle,
+    adjustment: Adjustment,
+    dispersion: Dispersion,
+    cameras: Sequence[CameraFrames],
+    f_given: Sequence[bool],
+    target: PointSet,
+    *,
+    remarks: tuple[str, ...] = (),
+) -> Solution:
+    """An adjustment that is the last one, with what it left out; its checks as :func:`solve`."""
+    names = [camera.name for camera in cameras]
     _check(bundle, adjustment, cameras, f_given)
     _check_facing(bundle, adjustment, target)
+    check_attitudes(bundle, cameras, f_given, target)
     rejected = dropped_rejections(adjustment, bundle.camera_of, names)
     rejected += observation_rejections(bundle, adjustment, names, target)
     return Solution(
         bundle=bundle, adjustment=adjustment, dispersion=dispersion, rejected=tuple(rejected),
-        warnings=(*_doubts(bundle, adjustment, cameras), *remarks),
+        warnings=(
+            *_doubts(bundle, adjustment, cameras),
+            *doubts_of_result(bundle, adjustment, cameras),
+            *remarks,
+        ), remarks=remarks,
     )  # fmt: skip
 
 
@@ -133,7 +156,10 @@ def _check(
             "interior parameters, or give start values of f"
         )
     images = bundle.image_of
-    camera_of_image = np.array([p.camera for p in bundle.pictures])
+    # Additional points say nothing of the target.
+    camera_of_image = np.array(
+        [-1 if i in bundle.inner else p.camera for i, p in enumerate(bundle.pictures)]
+    )
     for camera in bundle.camera_of:
         mine = np.isin(images, np.flatnonzero(camera_of_image == camera))
         share = float(adjustment.used[mine].mean()) if mine.any() else 0.0

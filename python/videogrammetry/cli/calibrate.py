@@ -152,4 +152,10 @@ def summary(result: CalibrationRun) -> str:
         f"redundancy {result.redundancy}, {int((~used).sum())} points rejected, "
         f"{result.seconds:.1f} s\n"
     )
+    if (more := result.additional) is not None:
+        total += (
+            f"beside the target: {len(more)} free points ({more.mode}) in "
+            f"{len(more.observations)} image points, {int((~more.observations.used).sum())} of "
+            "them rejected\n"
+        )
     return text_table(header, rows) + total

@@ -118,7 +118,7 @@ def _sigma_px(file: NetworkFile, observed: NamedObservations) -> float:
 def _datum(file: NetworkFile, points: NetworkPoints) -> Datum:
     """As stated; else what the points are: fixed, weighted, or all unknown."""
     if file.datum is not None:
-        return file.datum  # type: ignore[return-value]  # one of DATUMS, the file's reader says
+        return file.datum
     if (points.kind == "fixed").any():
         return "fixed"
     return "weighted" if (points.kind == "weighted").any() else "free"

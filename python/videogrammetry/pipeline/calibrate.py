@@ -117,6 +117,7 @@ def calibrate_by(
             interfaces=calibration_interfaces(project),
             time_offset=section.time_offset and method == "joint",
             lengths=lengths if target is not None and method == "joint" else (),
+            free_points=section.free_points if method == "joint" else "none",
             num_threads=num_threads,
         )
         progress(0, 1, "adjusting")
@@ -340,6 +341,7 @@ def _from_observations(project: Project) -> tuple[list[CameraFrames], list[str]]
     paths = {name: project.folder / str(c.observations) for name, c in project.cameras.items()}
     tables = {name: read_observations(path) for name, path in paths.items()}
     names = dict.fromkeys(image for table in tables.values() for image in table.image)
+    _check_common(tables, project)
     stage_of = {image: stage for stage, image in enumerate(sorted(names), start=1)}
     cameras = []
     for name, table in tables.items():
@@ -354,6 +356,19 @@ def _from_observations(project: Project) -> tuple[list[CameraFrames], list[str]]
         frames = [_frame_of(table, i, stage_of[image]) for i, image in enumerate(table.image)]
         cameras.append(_frames(project, name, size, sorted(frames, key=lambda f: f.stage)))
     return cameras, [str(project.path), *(str(path) for path in paths.values())]
+
+
+def _check_common(tables: Mapping[str, Observations], project: Project) -> None:
+    """CalibrationError if a camera's pictures bear names that no other camera's do."""
+    for name, table in tables.items():
+        others = {image for n, other in tables.items() if n != name for image in other.image}
+        if others and len(table) and not others & set(table.image):
+            raise CalibrationError(
+                f"{project.path}: no picture of camera {name} ({', '.join(table.image[:3])}, ...) "
+                f"has the name of a picture of another camera ({', '.join(sorted(others)[:3])}, "
+                "...): equal names in the column image are synchronous pictures of one position "
+                "of the target; name them alike, by stage"
+            )
 
 
 def _frame_of(table: Observations, index: int, stage: int) -> FrameTargets:

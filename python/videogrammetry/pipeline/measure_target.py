@@ -157,6 +157,7 @@ def measure_target(
     CalibrationError, TableError : what is missing, where, and what to do.
     """
     options = options or TargetOptions()
+    _check_twice(photographs)
     network = _network(photographs, bars, options)
     progress(0, 4, "orienting")
     started = start_network(network)
@@ -191,8 +192,23 @@ def measure_target(
             "name a scale bar with --scale-bars"
         )
     progress(4, 4, "adjusting")
-    result = replace(result, warnings=(*remarks, *result.warnings))
+    result = replace(result, warnings=tuple(dict.fromkeys((*remarks, *result.warnings))))
     return MeasuredTarget(photographs=photographs, network=network, result=result, sides=sides)
+
+
+def _check_twice(photographs: Photographs) -> None:
+    """CalibrationError if a photograph is there twice: noise never repeats itself."""
+    seen: dict[bytes, str] = {}
+    for name, targets in zip(photographs.names, photographs.targets, strict=True):
+        if len(targets) < MIN_CODED:
+            continue
+        key = targets.centre_px.tobytes()
+        if key in seen:
+            raise CalibrationError(
+                f"photographs {seen[key]} and {name} hold the same {len(targets)} targets at the "
+                "same places to the last digit: one photograph is given twice; take one out"
+            )
+        seen[key] = name
 
 
 def _check_placed(report: StartReport) -> None:

@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,7 +25,8 @@ from videogrammetry.types import INTERIOR_NAMES, FloatArray
 #: What ``free`` and ``sigma`` of a camera may name.
 CAMERA_UNKNOWNS = (*INTERIOR_NAMES, "aspect", "time_offset")
 DIRECTIONS = ("measured", "ideal")
-DATUMS = ("free", "weighted", "fixed")
+Datum = Literal["free", "weighted", "fixed"]
+DATUMS: tuple[Datum, ...] = ("free", "weighted", "fixed")
 RESIDUALS = ("measured", "corrected")
 DEFAULT_SIGMA_PX = 0.1
 DEFAULT_CRITICAL_VALUE = 3.29
@@ -91,7 +92,7 @@ class NetworkFile:
     fixed: tuple[str, ...] = ()
     scale_bars: Path | None = None
     sigma_px: float | None = None
-    datum: str | None = None
+    datum: Datum | None = None
     critical_value: float = DEFAULT_CRITICAL_VALUE
     diameter_mm: float | None = None
     residuals: str | None = None

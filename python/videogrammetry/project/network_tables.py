@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -243,14 +243,19 @@ def _canonical(table: CsvTable, column: str) -> None:
     table.columns[column] = [point_name(text) for text in table.texts(column)]
 
 
-def _optional(table: CsvTable, column: str, expected: str, check: object = None) -> FloatArray:
+def _optional(
+    table: CsvTable, column: str, expected: str, check: Callable[[float], bool] | None = None
+) -> FloatArray:
     if column not in table:
         return np.full(len(table), np.nan)
-    return table.floats(column, empty=np.nan, check=check, expected=expected)  # type: ignore[arg-type]
+    return table.floats(column, empty=np.nan, check=check, expected=expected)
 
 
 def _three(
-    table: CsvTable, columns: Sequence[str], wanted: str, check: object = None
+    table: CsvTable,
+    columns: Sequence[str],
+    wanted: str,
+    check: Callable[[float], bool] | None = None,
 ) -> FloatArray:
     """Three columns, each row whole or empty."""
     there = [name for name in columns if name in table]

@@ -25,6 +25,7 @@ MAX_CAMERAS = 64
 DIRECTIONS = ("clockwise", "counter-clockwise")
 POLARITIES = ("white-on-black", "black-on-white")
 ESTIMATORS = ("auto", "mean-gradient", "dual-conic", "model")
+FREE_POINTS = ("none", "target", "room", "stage")
 FILTERS = ("none", "savitzky-golay", "butterworth")
 START_NAMES = ("f_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "E1", "E2")
 
@@ -97,15 +98,17 @@ class CalibrationSection:
 
     Without ``target``, ``scale_bars`` name targets of a waved bar (a wand): they and all
     others are points of unknown place, but those of ``still``, which keep it at all stages.
-    ``time_offset``: estimate how late each camera is. ``rig``: an earlier rig.json whose
-    interior parameters are start values, and observed with their standard deviations if
-    ``hold_to_rig``.
+    ``free_points``: what coded targets beside the target stand still relative to, see
+    ``calibration.CalibrationOptions``. ``time_offset``: estimate how late each camera is.
+    ``rig``: an earlier rig.json whose interior parameters are start values, and observed
+    with their standard deviations if ``hold_to_rig``.
     """
 
     target: Path | None = None
     sigma_mm: float | None = None
     scale_bars: Path | None = None
     still: tuple[int, ...] = ()
+    free_points: str = "none"
     time_offset: bool = False
     rig: Path | None = None
     hold_to_rig: bool = False
@@ -400,10 +403,19 @@ def _calibration(table: TomlTable, folder: Path) -> CalibrationSection:
         sigma_mm=table.number("sigma_mm", None, above=0),
         scale_bars=_file(table, "scale_bars", folder),
         still=table.integers("still", (), what="targets' numbers, like [101, 102]"),
+        free_points=table.choice("free_points", FREE_POINTS, "none"),
         time_offset=table.boolean("time_offset", False),
         rig=_file(table, "rig", folder),
         hold_to_rig=table.boolean("hold_to_rig", False),
     )
+    if section.free_points != "none" and section.target is None:
+        raise table.error(
+            "free_points",
+            "is for targets beside a known one: add target, or leave it out (a "
+            "waved bar's targets are all free; those of still keep their place)",
+        )
+    if section.free_points != "none" and section.time_offset:
+        raise table.error("free_points", "and time_offset do not go together: take one away")
     if section.hold_to_rig and section.rig is None:
         raise table.error("hold_to_rig", 'needs the rig to be held to: rig = "rig.json"')
     table.finish()

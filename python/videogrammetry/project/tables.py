@@ -201,9 +201,13 @@ def _full_covariance(
             f"{path}: damaged ({error}); write the points again, or delete this file to go on "
             "with the standard deviations of the table beside it"
         ) from error
-    same = full.shape == (len(ids), 6) and np.array_equal(full_ids, ids) and cov is not None
+    same = full.shape == (len(ids), 6) and np.array_equal(full_ids, ids)
     # The table's rounding to 12 digits is all that may differ.
-    if not same or not np.allclose(full[:, [0, 3, 5]], cov[:, [0, 3, 5]], rtol=1e-9, atol=0):  # type: ignore[index]
+    if (
+        not same
+        or cov is None
+        or not np.allclose(full[:, [0, 3, 5]], cov[:, [0, 3, 5]], rtol=1e-9, atol=0)
+    ):
         raise TableError(
             f"{path}: covariances of other points than those of the table beside it; "
             "delete the one that is out of date"

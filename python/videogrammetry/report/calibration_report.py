@@ -166,6 +166,8 @@ def _summary(run: CalibrationRun) -> str:
         )
         if u
     }
+    more = run.additional
+    beside = {} if more is None else {f"points beside the target ({more.mode})": count(len(more))}
     return facts(
         {
             "RMS residual, px": f"{run.rms_px:.4f}",
@@ -176,6 +178,7 @@ def _summary(run: CalibrationRun) -> str:
             "unknowns": count(run.num_unknowns),
             "redundancy": count(run.redundancy),
             "points rejected": count(int((~run.observations.used).sum())),
+            **beside,
         }
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import SupportsFloat
 
 import numpy as np
 from PIL import Image
@@ -63,8 +64,10 @@ def photo_facts(path: Path) -> PhotoFacts:
 
 
 def _number(value: object) -> float | None:
+    if not isinstance(value, SupportsFloat | str):  # EXIF's rationals know how
+        return None
     try:
-        number = float(value)  # type: ignore[arg-type]  # EXIF's rationals know how
+        number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     return number if np.isfinite(number) and number > 0 else None

@@ -62,8 +62,8 @@ def block(rng: np.random.Generator) -> PointSet:
     )
 
 
-def options(window: FlatInterface, *free: str, **more: object) -> CalibrationOptions:
-    stated = CalibrationInterface(interface=window, free=free, **more)  # type: ignore[arg-type]
+def options(window: FlatInterface, *free: str, frame: str = "target") -> CalibrationOptions:
+    stated = CalibrationInterface(interface=window, free=free, frame=frame)
     return CalibrationOptions(sigma_mm=SIGMA_MM, interfaces=(stated,))
 
 

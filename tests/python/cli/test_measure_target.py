@@ -6,12 +6,23 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from videogrammetry.errors import CalibrationError
 from videogrammetry.geometry import fit_rigid
+from videogrammetry.pipeline.measure_target import (
+    Photographs,
+    TargetOptions,
+    measure_target,
+    read_photographs,
+)
 from videogrammetry.project import read_points
+from videogrammetry.project.network_tables import read_network_points, read_network_scale_bars
+from videogrammetry.recognition import RecognitionOptions
+from videogrammetry.sequence import open_sequence
 from videogrammetry.types import matrix_from_cov6
 
 
@@ -111,3 +122,94 @@ def test_photographs_without_a_link_are_named(run, photos, tmp_path):
     )
     assert "photos_000005" in done.stderr
     assert not (tmp_path / "c.csv").exists()
+
+
+@pytest.fixture(scope="module")
+def recognised(photos):
+    """The photographs' targets, recognised once."""
+    source = open_sequence([str(photos / "photos")])
+    options = RecognitionOptions(diameter_px=(4.0, 60.0))
+    names = [f"photo{k + 1}" for k in range(len(source))]
+    return read_photographs(source, names, TargetOptions(recognition=options))
+
+
+def some(photographs, rows, **change):
+    """Some of the photographs, in another order or twice."""
+    parts = {
+        field.name: tuple(getattr(photographs, field.name)[k] for k in rows)
+        for field in fields(photographs)
+    }
+    parts["names"] = tuple(f"photo{k + 1}" for k in range(len(rows)))
+    return Photographs(**{**parts, **change})
+
+
+def with_noise(photographs, row, count):
+    """One photograph ``count`` times, as if taken from one place: the noise differs."""
+    rng = np.random.default_rng(1)
+    own = photographs.targets[row]
+    targets = tuple(
+        replace(own, centre_px=own.centre_px + rng.normal(0, 0.01, own.centre_px.shape))
+        for _ in range(count)
+    )
+    return some(photographs, [row] * count, targets=targets)
+
+
+def bars_of(photos, factors):
+    return [
+        replace(bar, length_mm=bar.length_mm * factor)
+        for bar, factor in zip(
+            read_network_scale_bars(photos / "scale-bars.csv"), factors, strict=True
+        )
+    ]
+
+
+def drawn(photos, change):
+    """The true coordinates, changed, as a drawing."""
+    table = read_network_points(photos / "truth" / "points.csv")
+    return replace(table, position_mm=change(table.position_mm))
+
+
+def exchanged(position_mm):
+    return position_mm[np.random.default_rng(1).permutation(len(position_mm))]
+
+
+def test_what_no_photographs_can_give_is_refused(photos, recognised):
+    """Each in one paragraph that names the cause."""
+    everything, bars = range(len(recognised.names)), bars_of(photos, (1, 1))
+    for photographs, lengths, nominal, words in (
+        (some(recognised, [0, 1]), (), None, "too few observations"),
+        (some(recognised, [0] * 5), (), None, "one photograph is given twice"),
+        (some(recognised, [*everything, 3]), bars, None, "photo4 and photo17 hold the same"),
+        (with_noise(recognised, 0, 5), (), None, "seen from places apart"),
+        (recognised, bars_of(photos, (1, 1.02)), None, "the scale bars contradict each other"),
+        (recognised, bars, drawn(photos, lambda x: x / 1000), "0.001 times as large"),
+        (recognised, bars, drawn(photos, lambda x: x * [1, 1, -1]), "mirror image"),
+        (recognised, bars, drawn(photos, exchanged), "not those of the object"),
+    ):
+        with pytest.raises(CalibrationError, match=words):
+            measure_target(photographs, lengths, nominal)
+
+
+def test_what_may_be_wrong_is_solved_with_a_warning(photos, recognised):
+    bars = bars_of(photos, (1e-3, 1e-3))
+    said = measure_target(recognised, bars).result.warnings
+    assert any("in other units than millimetres" in w for w in said)
+    assert len(set(said)) == len(said)
+    wrong = replace(TargetOptions(), f_px=200.0)
+    said = measure_target(recognised, bars_of(photos, (1, 1)), options=wrong).result.warnings
+    assert any("200 px was given" in w for w in said)
+
+
+def test_a_rough_drawing_places_the_object(photos, recognised):
+    """Off by 5 mm a coordinate: that is what drawings are, and the scale is the bars'."""
+    rng = np.random.default_rng(2)
+    rough = drawn(photos, lambda x: x + rng.normal(0, 5.0, x.shape))
+    measured = measure_target(recognised, bars_of(photos, (1, 1)), rough)
+    points, true = measured.result.points, read_network_points(photos / "truth" / "points.csv")
+    at = {name: i for i, name in enumerate(points.name)}
+    rows = [(at[name], k) for k, name in enumerate(true.name) if name in at]
+    found, wanted = points.position_mm[[i for i, _ in rows]], true.position_mm[[k for _, k in rows]]
+    rotation, shift, _ = fit_rigid(wanted, found)
+    assert np.abs(found @ rotation.T + shift - wanted).max() < 0.1
+    # Five millimetres of each of fifty points: below one of the frame.
+    assert np.linalg.norm((found - wanted).mean(axis=0)) < 5 * 5 / np.sqrt(len(rows))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from export.lens_rigs import assert_within, points_seen_by, usual_rig
-from export.test_rig_formats import ask_mrcal, mrcal_python, opencv_pixels  # noqa: F401
+from export.test_rig_formats import ask_mrcal, opencv_pixels
 
 from videogrammetry.errors import CalibrationError, ProjectFileError
 from videogrammetry.export import (
@@ -122,7 +122,7 @@ model.write(sys.argv[1])
 
 @pytest.mark.peer
 @pytest.mark.parametrize("count", [0, 4, 5, 8, 12])
-def test_mrcals_own_file(tmp_path, mrcal_python, count):  # noqa: F811
+def test_mrcals_own_file(tmp_path, mrcal_python, count):
     values = [1500.0, 1488.0 if count > 5 else 1500.0, 530.25, 480.5]
     values += [-0.2, 0.1, 4e-4, -7e-4, 0.05, 0.02, 0.01, -0.03, 1e-3, -2e-3, 5e-4, 1e-3][:count]
     model = f"LENSMODEL_OPENCV{count}" if count else "LENSMODEL_PINHOLE"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 
 import cv2
@@ -237,20 +236,6 @@ for name, points in json.load(sys.stdin).items():
                     [int(v) for v in model.imagersize()]]
 print(json.dumps(answer))
 """
-
-
-@pytest.fixture(scope="session")
-def mrcal_python():
-    """Debian's Python with mrcal."""
-    python = shutil.which("python3", path="/usr/bin")
-    if python is None:
-        pytest.skip("no /usr/bin/python3 here")
-    tried = subprocess.run(
-        [python, "-c", "import mrcal"], capture_output=True, text=True, check=False
-    )
-    if tried.returncode != 0:
-        pytest.skip("python3-mrcal is not installed (scripts/setup python3-mrcal installs it)")
-    return python
 
 
 def ask_mrcal(python, points_m):

@@ -16,9 +16,14 @@ from videogrammetry.project.atomic import nearest_folder
 def test_a_failure_leaves_the_old_file_and_no_rest(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     write_text(path, "old\n")
-    with pytest.raises(ZeroDivisionError), atomic_path(path) as beside:  # noqa: PT012
-        beside.write_text("half")
-        raise ZeroDivisionError
+
+    def half() -> None:
+        with atomic_path(path) as beside:
+            beside.write_text("half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        half()
     assert path.read_bytes() == b"old\n"
     assert list(tmp_path.iterdir()) == [path]
     write_text(path, "new\n")

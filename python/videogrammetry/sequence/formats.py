@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from videogrammetry.errors import SequenceError
-from videogrammetry.sequence import cine, mraw, pgm, raster, tiff
+from videogrammetry.sequence import cine, mraw, pgm, raster, tiff, video
 from videogrammetry.types import FrameSource
 
 _OPENERS: dict[str, Callable[[Path], FrameSource]] = {
     suffix: module.open_file
-    for module in (tiff, raster, pgm, mraw, cine)
+    for module in (tiff, raster, pgm, mraw, cine, video)
     for suffix in module.SUFFIXES
 }
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import SequenceError
@@ -104,6 +106,30 @@ class JoinedSource:
     def save_step(self) -> int:
         """Every n-th frame that the camera took was saved, if all sources say so; else 1."""
         return int(self._common("save_step") or 1)
+
+    @property
+    def first_frame(self) -> int | None:
+        """The camera's number of the first frame, counted from the trigger, if it is stated."""
+        number: int | None = getattr(self._sources[0], "first_frame", None)
+        return number
+
+    @property
+    def trigger_time(self) -> datetime | None:
+        """When the trigger came if all sources state the same, else None."""
+        time: datetime | None = self._common("trigger_time")
+        return time
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is wrong with the files though they can be measured in, a paragraph each."""
+        return tuple(text for source in self._sources for text in getattr(source, "remarks", ()))
+
+    def times_s(self) -> npt.NDArray[np.float64] | None:
+        """(N,) time stamps, from the trigger, if every source has them; else None."""
+        parts: list[Any] = [getattr(s, "times_s", lambda: None)() for s in self._sources]
+        if any(part is None for part in parts) or self._common("trigger_time") is None:
+            return parts[0] if len(parts) == 1 else None
+        return np.concatenate(parts)
 
     @property
     def sources(self) -> tuple[FrameSource, ...]:

@@ -22,7 +22,7 @@ from videogrammetry.project import (
     read_targets,
     read_trajectories,
 )
-from videogrammetry.sequence import JoinedSource, open_sequence
+from videogrammetry.sequence import JoinedSource, irregular_times, open_sequence
 
 
 def add_parser(verbs: SubParsers) -> None:
@@ -166,11 +166,10 @@ def _timing(source: JoinedSource) -> str:
         lines.append(f"trigger: the first frame is the camera's frame {first} (0: the trigger)")
     times = source.times_s()
     if times is not None and len(times):
-        apart = np.diff(times)
-        even = ""
-        if len(apart):
-            even = f", {apart.min() * 1e6:.3f} to {apart.max() * 1e6:.3f} us apart"
-        lines.append(f"time stamps: {times[0]:.9f} to {times[-1]:.9f} s{even}")
+        usual = f", {np.median(np.diff(times)) * 1e6:.3f} us apart" if len(times) > 1 else ""
+        odd = irregular_times(times)
+        but = "" if odd is None else f", but irregular at frame {odd + 1} ({times[odd]:.9f} s)"
+        lines.append(f"time stamps: {times[0]:.9f} to {times[-1]:.9f} s{usual}{but}")
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -37,11 +37,20 @@ class MrawSource(RecordingSource):
     packing : of 12-bit samples: "high-first", as Photron's software writes, or "low-first".
     """
 
-    def __init__(self, header_path: Path, samples_path: Path, header: PhotronHeader) -> None:
+    def __init__(
+        self,
+        header_path: Path,
+        samples_path: Path,
+        header: PhotronHeader,
+        *,
+        growing: bool = False,
+    ) -> None:
         self.header = header
         self._file = FileBytes(samples_path)
         self._frame_bytes = frame_bytes(header_path, header)
-        whole, remark = _whole_frames(header_path, self._file, header, self._frame_bytes)
+        whole, remark = header.num_frames, ""
+        if not growing:
+            whole, remark = _whole_frames(header_path, self._file, header, self._frame_bytes)
         super().__init__(
             (header_path, samples_path), _facts(header, whole), [remark] if remark else []
         )
@@ -118,6 +127,12 @@ def open_file(path: Path) -> FrameSource:
         One of the two files is missing, cut short or damaged, or they do not
         belong together; or samples of a kind that cannot be measured in.
     """
+    header_path, samples_path = files_of_recording(path)
+    return MrawSource(header_path, samples_path, photron_header.read_header(header_path))
+
+
+def files_of_recording(path: Path, *, growing: bool = False) -> tuple[Path, Path]:
+    """The header and the ``.mraw`` that one of them means; ``growing``: the latter may come."""
     if path.suffix.lower() == SAMPLES_SUFFIX:
         headers = [found for suffix in HEADER_SUFFIXES if (found := _beside(path, suffix))]
         if not headers:
@@ -129,14 +144,16 @@ def open_file(path: Path) -> FrameSource:
         path = headers[0]
         if path.stat().st_size == 0:
             raise SequenceError(f"{path}: the file is empty (0 bytes); copy it again")
-    header = photron_header.read_header(path)
     samples_path = _beside(path, SAMPLES_SUFFIX)
+    if samples_path is None and growing:
+        samples_path = path.with_suffix(SAMPLES_SUFFIX)
     if samples_path is None:
+        photron_header.read_header(path)  # whose message goes first
         raise SequenceError(
             f"{path}: the frames are missing: there is no {path.stem}{SAMPLES_SUFFIX} beside "
             "this header; copy it there too"
         )
-    return MrawSource(path, samples_path, header)
+    return path, samples_path
 
 
 def one_of_each_recording(paths: list[Path]) -> list[Path]:

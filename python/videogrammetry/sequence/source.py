@@ -180,6 +180,20 @@ class JoinedSource:
         return samples
 
 
+#: Of a picture; larger ones are a damaged header, for which no memory is taken.
+_MOST_PIXELS_A_SIDE, _MOST_PIXELS = 1 << 16, 1 << 30
+
+
+def check_picture_size(path: Path, width: int, height: int) -> None:
+    """SequenceError unless a camera can have taken a picture of that size."""
+    sides = 0 < width <= _MOST_PIXELS_A_SIDE and 0 < height <= _MOST_PIXELS_A_SIDE
+    if not sides or width * height > _MOST_PIXELS:
+        raise SequenceError(
+            f"{path}: its header states {width}x{height} px, which no camera's picture has: it is "
+            "damaged; copy the file again"
+        )
+
+
 def check_index(index: int, length: int, what: str) -> None:
     """IndexError unless 0 <= index < length."""
     if not 0 <= index < length:

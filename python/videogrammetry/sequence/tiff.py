@@ -22,7 +22,7 @@ from PIL import Image
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence.grey import grey_from_rgb
 from videogrammetry.sequence.raster import grey_of_image
-from videogrammetry.sequence.source import check_index
+from videogrammetry.sequence.source import check_index, check_picture_size
 from videogrammetry.types import FrameSource
 
 SUFFIXES = (".tif", ".tiff")
@@ -194,6 +194,7 @@ def _page_of(path: Path, size: int, index: int, page: tifffile.TiffPage, big_end
         raise SequenceError(
             f"{where} has {bits}-bit samples of type {page.dtype}; save it as 8- or 16-bit grey"
         )
+    check_picture_size(path, page.imagewidth, page.imagelength)
     _check_segments(where, size, page)
     plain = (
         page.compression == _UNCOMPRESSED

@@ -6,7 +6,7 @@ this folder; ``formats.py`` names them all. ``create_sequence`` writes frames.
 """
 
 from videogrammetry.sequence.arrays import ArraySource, as_source
-from videogrammetry.sequence.formats import known_suffixes
+from videogrammetry.sequence.formats import known_suffixes, register_format
 from videogrammetry.sequence.grey import grey_from_rgb
 from videogrammetry.sequence.growing import (
     GrowingFolder,
@@ -16,6 +16,7 @@ from videogrammetry.sequence.growing import (
 )
 from videogrammetry.sequence.open import SequenceSpec, open_sequence
 from videogrammetry.sequence.parts import check_free_space
+from videogrammetry.sequence.photron_session import photron_session
 from videogrammetry.sequence.picture_write import picture_bytes
 from videogrammetry.sequence.select import find_files, natural_key
 from videogrammetry.sequence.source import JoinedSource, check_same_length
@@ -58,5 +59,7 @@ __all__ = [
     "natural_key",
     "open_growing",
     "open_sequence",
+    "photron_session",
     "picture_bytes",
+    "register_format",
 ]

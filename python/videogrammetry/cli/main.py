@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import io
 import logging
 import os
 import sys
@@ -72,6 +73,10 @@ def build_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line ``argv`` (None: the process's own); returns the exit status."""
     args = build_parser().parse_args(argv)
+    # Names of files need not be text in the terminal's encoding: their bytes go through.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="surrogateescape")
     # tifffile reports damage to the log as well as by what it returns; ours is the message.
     logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
     try:

@@ -226,8 +226,9 @@ def test_real_recordings_equal_another_programs_frames(data, name, frame):
     width, height, _ = np.fromfile(gold, "<u4", 3)
     other = np.fromfile(gold, "<f4", offset=12).reshape(height, width)
     source = open_sequence([folder / f"{name}.cine"])
-    # The other program scales to 255; single precision rounds in the seventh digit.
+    # The other program scales to 255 in single precision, whose 24 bits hold the 12 of a sample.
     scale = 255.0 / (2**source.bit_depth - 1)
+    np.testing.assert_array_equal(np.rint(other / scale), source.read(frame))
     np.testing.assert_allclose(scale * source.read(frame), other, rtol=3e-7)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
@@ -22,6 +24,7 @@ RNG = np.random.default_rng(11)
 SIZE = (32, 20)
 FRAMES12 = RNG.integers(0, 4096, (5, 20, 32)).astype(np.uint16)
 
+UTF8 = {"PYTHONUTF8": "1", "PYTHONIOENCODING": "utf-8:strict"}
 CIH = """#Camera Information Header
 Date : 2020/2/3
 Time : 4:05
@@ -422,9 +425,16 @@ def test_a_name_that_is_no_text(tmp_path: Path) -> None:
         pytest.skip("this file system takes text alone")
     path = recording(folder)
     np.testing.assert_array_equal(open_sequence(folder).read(0), FRAMES12[0])
+    run = [sys.executable, "-m", "videogrammetry", "info", str(path)]
+    done = subprocess.run(run, capture_output=True, check=False, env={**os.environ, **UTF8})
+    assert done.returncode == 0, done.stderr
     path.with_suffix(".mraw").unlink()
     with pytest.raises(SequenceError, match="frames are missing"):
         open_sequence(path)
+    done = subprocess.run(run, capture_output=True, check=False, env={**os.environ, **UTF8})
+    assert done.returncode == 1
+    assert b"frames are missing" in done.stderr
+    assert b"Traceback" not in done.stderr
 
 
 def test_bytes_that_are_no_header(tmp_path: Path) -> None:

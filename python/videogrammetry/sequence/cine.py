@@ -59,8 +59,6 @@ class CineSource(RecordingSource):
                 raise SequenceError(f"{cut}; copy it again")
             remarks.append(f"{cut}; the {whole} frames before are used; copy it again for the rest")
         super().__init__((path,), _facts(header, whole), remarks)
-        if whole:
-            self._samples(whole - 1)
 
     def read(self, index: int) -> npt.NDArray[Any]:
         """The frame: (height, width), uint8 or uint16; a view where it stands upright."""
@@ -127,7 +125,16 @@ class CineSource(RecordingSource):
         # (in this order: a damaged offset near 2**63 must not run over)
         good = (self._offsets > 0) & (ends > 0) & (ends <= self._file.size)
         good &= self._offsets <= self._file.size - _LEAST_ANNOTATION - self.header.image_bytes
-        return len(good) if good.all() else int(np.argmin(good))
+        whole = len(good) if good.all() else int(np.argmin(good))
+        while whole and not self._ends_in_the_file(int(self._offsets[whole - 1])):
+            whole -= 1
+        return whole
+
+    def _ends_in_the_file(self, begin: int) -> bool:
+        """Whether a frame with the note before it does; the others are asked when read."""
+        note = int(self._file.view(begin, begin + 4, "a frame's head").view("<u4")[0])
+        good = _LEAST_ANNOTATION <= note <= _LARGEST_ANNOTATION
+        return good and begin + note + self.header.image_bytes <= self._file.size
 
 
 def _facts(header: CineHeader, num_frames: int) -> RecordingFacts:

@@ -64,7 +64,15 @@ def _decode(path: Path) -> npt.NDArray[Any]:
             if kind == "JPEG":
                 image.draft("L", None)  # luminance alone, if that is how it is stored
             image.load()
-        except (OSError, SyntaxError, ValueError, struct.error, zlib.error) as error:
+        except (
+            OSError,
+            SyntaxError,
+            ValueError,
+            IndexError,
+            MemoryError,
+            struct.error,
+            zlib.error,
+        ) as error:
             raise SequenceError(
                 f"{path}: the {kind} picture is damaged or cut short ({error}); copy it again"
             ) from error

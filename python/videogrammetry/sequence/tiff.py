@@ -42,6 +42,7 @@ _DAMAGE = (
     IndexError,
     TypeError,
     ZeroDivisionError,
+    MemoryError,
     struct.error,
     zlib.error,
 )

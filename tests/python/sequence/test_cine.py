@@ -165,6 +165,14 @@ def test_of_a_file_cut_short_the_whole_frames_are_read(tmp_path):
     assert "the 2 frames before are used" in source.remarks[0]
 
 
+def test_a_last_frame_whose_note_pushes_it_over_the_end_is_left_out(tmp_path):
+    stored = [(p.tobytes(), p.shape) for p in pictures(8)]
+    path = write_cine(tmp_path / "a.cine", stored, 8, note=24)
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.warns(SequenceWarning, match="the 2 frames before are used"):
+        assert len(open_sequence([path])) == 2
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -246,6 +246,23 @@ def test_absurd_sizes_take_no_memory(tmp_path: Path, suffix: str) -> None:
     assert peak < 20e6
 
 
+def test_places_beyond_any_file_and_sizes_that_are_no_whole_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    for place in (2**63, 2**64 - 1, 2**63 - 1):
+        path.write_bytes(struct.pack("<2sHHHQ", b"II", 43, 8, 0, place) + bytes(64))
+        with pytest.raises(SequenceError, match=r"a\.tif: TIFF picture is damaged"):
+            open_sequence(path)
+    tifffile.imwrite(path, GREY8, metadata=None)
+    data = bytearray(path.read_bytes())
+    at = data.index(struct.pack("<HHI", 257, 4, 1)) if struct.pack(
+        "<HHI", 257, 4, 1
+    ) in data else data.index(struct.pack("<HHI", 257, 3, 1))  # fmt: skip
+    data[at : at + 12] = struct.pack("<HHII", 257, 12, 1, len(data))
+    path.write_bytes(data + struct.pack("<d", 11.5))
+    with pytest.raises(SequenceError, match=r"a\.tif.*(whole numbers|damaged)"):
+        open_sequence(path).read(0)
+
+
 NOT_PICTURES = {
     "text.tif": b"this is no picture\n",
     "text.png": b"this is no picture\n",

@@ -19,11 +19,12 @@ from videogrammetry.sequence.parts import check_free_space
 from videogrammetry.sequence.photron_session import photron_session
 from videogrammetry.sequence.picture_write import picture_bytes
 from videogrammetry.sequence.select import find_files, natural_key
-from videogrammetry.sequence.source import JoinedSource, check_same_length
+from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.sequence.synchronous import (
     RangeSource,
     Synchrony,
     align,
+    check_same_length,
     check_synchronous,
     irregular_times,
 )

@@ -1,9 +1,9 @@
-"""Frame sources that are made of others, and what holds between cameras."""
+"""Frame sources that are made of others, and checks that all sources need."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import accumulate
@@ -198,23 +198,3 @@ def check_index(index: int, length: int, what: str) -> None:
     """IndexError unless 0 <= index < length."""
     if not 0 <= index < length:
         raise IndexError(f"frame {index} of {what}: it has frames 0 to {length - 1}")
-
-
-def check_same_length(sources: Mapping[str, FrameSource]) -> int:
-    """Number of frames of every camera; SequenceError names two cameras that differ.
-
-    The n-th frames of all cameras belong to one stage, so that one missing
-    picture would pair all later ones wrongly.
-    """
-    if not sources:
-        raise ValueError("sources: expected at least one camera, got none")
-    first = next(iter(sources))
-    count = len(sources[first])
-    for name, source in sources.items():
-        if len(source) != count:
-            raise SequenceError(
-                f"camera {first!r} has {count} frames, but camera {name!r} has {len(source)}: "
-                "the n-th frames of all cameras belong together, so the numbers must be equal; "
-                "find the missing or surplus picture, or narrow the pattern"
-            )
-    return count

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry.errors import SequenceError
 from videogrammetry.sequence.source import check_index
 from videogrammetry.types import FrameSource, PackedSamples
 
@@ -97,6 +98,38 @@ def check_synchronous(sources: Mapping[str, FrameSource]) -> Synchrony:
         skip=skip,
         num_common=common,
         evidence=evidence,
+    )
+
+
+def check_same_length(sources: Mapping[str, FrameSource]) -> int:
+    """Number of frames of every camera; SequenceError names two cameras that differ.
+
+    The n-th frames of all cameras belong to one stage, so that one missing
+    picture would pair all later ones wrongly.
+    """
+    if not sources:
+        raise ValueError("sources: expected at least one camera, got none")
+    first = next(iter(sources))
+    count = len(sources[first])
+    for name, source in sources.items():
+        if len(source) != count:
+            raise SequenceError(
+                f"camera {first!r} has {count} frames, but camera {name!r} has {len(source)}: "
+                "the n-th frames of all cameras belong together, so the numbers must be equal; "
+                f"find the missing or surplus picture, or narrow the pattern{_offer(sources)}"
+            )
+    return count
+
+
+def _offer(sources: Mapping[str, FrameSource]) -> str:
+    """Which frames to leave out, where the files say so; else ""."""
+    found = check_synchronous(sources)
+    if not any(found.skip.values()):
+        return ""
+    said = ", ".join(f"{name!r} {count}" for name, count in found.skip.items())
+    return (
+        f". By their {found.evidence} the cameras do not start together: leave out {said} frames "
+        f"at the beginning, and {found.num_common} of every camera belong together"
     )
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from videogrammetry.sequence import RangeSource, align, check_synchronous
+from videogrammetry.errors import SequenceError
+from videogrammetry.sequence import RangeSource, align, check_same_length, check_synchronous
 
 ZERO = datetime(2024, 5, 1, 12, 0, 0, tzinfo=UTC)
 
@@ -120,6 +121,18 @@ def test_lengths_rates_and_steps():
         {"a": Recording(save_step=4, first_frame=0), "b": Recording(save_step=4, first_frame=6)}
     )
     assert "not whole steps of 4" in found.warnings[0]
+
+
+def test_different_lengths_come_with_the_offset_where_it_is_known():
+    cameras = {
+        "left": Recording(start=0, first_frame=-10),
+        "right": Recording(start=7, first_frame=-3, count=13),
+    }
+    with pytest.raises(SequenceError, match=r"leave out 'left' 7, 'right' 0 .* 13 of every"):
+        check_same_length(cameras)
+    with pytest.raises(SequenceError, match=r"narrow the pattern$"):
+        check_same_length({"a": Recording(count=20), "b": Recording(count=18)})
+    assert check_same_length({"a": Recording(), "b": Recording()}) == 20
 
 
 def test_what_has_nothing_in_common_cannot_be_aligned():

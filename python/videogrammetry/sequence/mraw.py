@@ -57,7 +57,11 @@ class MrawSource(RecordingSource):
         spare = header.stored_bits - header.effective_bits
         self._shift = spare if header.upper and spare > 0 else 0
         self.packing = "high-first"
-        if header.stored_bits == 12 and looks_low_first(self._stored(0), header.image_size_px):
+        # (the first frame alone may be dark)
+        if header.stored_bits == 12 and any(
+            looks_low_first(self._stored(k), header.image_size_px)
+            for k in sorted({0, whole // 2, whole - 1})
+        ):
             self.packing = "low-first"
             self.remarks += (
                 f"{samples_path}: the packed 12-bit samples stand with their lowest bits first, "

@@ -30,3 +30,7 @@ class CalibrationError(VideogrammetryError):
 
 class MeasurementError(VideogrammetryError):
     """The sequences cannot be measured with what was given."""
+
+
+class SequenceWarning(UserWarning):
+    """A sequence is not as it should be, but can be measured in: the message says how."""

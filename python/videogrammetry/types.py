@@ -70,7 +70,8 @@ class FrameSource(Protocol):
     ``read`` may be called from several threads at once. Frames are numbered
     from 0 here (stages count from 1 in files and results). A source may also
     have ``packed(index)``: the frame as :class:`PackedSamples` where it stands,
-    or None if it is to be read.
+    or None if it is to be read. What else one may have, and an example:
+    docs/how-to/own-format.md.
     """
 
     @property

@@ -12,7 +12,10 @@ from videogrammetry.cli.common import SubParsers, add_verb
 from videogrammetry.version import __version__
 
 NEEDED = ("numpy", "scipy", "h5py", "tifffile", "pillow")
-OPTIONAL = {"imagecodecs": "TIFF with rare compressions"}
+OPTIONAL = {
+    "av": "video files: pip install 'videogrammetry[video]'",
+    "imagecodecs": "TIFF with rare compressions",
+}
 
 
 def add_parser(verbs: SubParsers) -> None:

@@ -22,7 +22,7 @@ from videogrammetry.project import (
     read_targets,
     read_trajectories,
 )
-from videogrammetry.sequence import open_sequence
+from videogrammetry.sequence import JoinedSource, irregular_times, open_sequence
 
 
 def add_parser(verbs: SubParsers) -> None:
@@ -156,6 +156,23 @@ def table_info(path: Path) -> str:
     )
 
 
+def _timing(source: JoinedSource) -> str:
+    """Trigger frame and time stamps, a line each, where the files have them."""
+    lines = []
+    first = source.first_frame
+    if first is not None and source.save_step == 1 and first <= 0 < first + len(source):
+        lines.append(f"trigger: at frame {1 - first} of the file")
+    elif first is not None:
+        lines.append(f"trigger: the first frame is the camera's frame {first} (0: the trigger)")
+    times = source.times_s()
+    if times is not None and len(times):
+        usual = f", {np.median(np.diff(times)) * 1e6:.3f} us apart" if len(times) > 1 else ""
+        odd = irregular_times(times)
+        but = "" if odd is None else f", but irregular at frame {odd + 1} ({times[odd]:.9f} s)"
+        lines.append(f"time stamps: {times[0]:.9f} to {times[-1]:.9f} s{usual}{but}")
+    return "".join(f"{line}\n" for line in lines)
+
+
 def sequence_info(spec: str) -> str:
     """Frames of a picture, folder or sequence; the first one is read."""
     source = open_sequence(spec)
@@ -166,6 +183,7 @@ def sequence_info(spec: str) -> str:
     bits = source.bit_depth or ("8" if frame.dtype == np.uint8 else "9 to 16")
     exposure = "" if source.exposure_s is None else f", exposure {source.exposure_s * 1e6:g} us"
     origin = f"{source.origin}\n" if source.origin else ""
+    origin += _timing(source)
     return (
         f"sequence: {count} frame{'s' if count > 1 else ''}, "
         f"{source.image_size_px[0]}x{source.image_size_px[1]} px, "

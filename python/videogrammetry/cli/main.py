@@ -7,9 +7,12 @@ to do; 2 wrong usage (argparse, or UsageError); 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import functools
+import io
 import logging
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 from videogrammetry.cli import (
@@ -29,7 +32,7 @@ from videogrammetry.cli import (
     verify,
 )
 from videogrammetry.cli.common import UsageError
-from videogrammetry.errors import VideogrammetryError
+from videogrammetry.errors import SequenceWarning, VideogrammetryError
 from videogrammetry.version import __version__
 
 VERBS = (
@@ -70,10 +73,17 @@ def build_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line ``argv`` (None: the process's own); returns the exit status."""
     args = build_parser().parse_args(argv)
+    # Names of files need not be text in the terminal's encoding: their bytes go through.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="surrogateescape")
     # tifffile reports damage to the log as well as by what it returns; ours is the message.
     logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
     try:
-        status = int(args.run(args))
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", SequenceWarning)
+            warnings.showwarning = functools.partial(_show_warning, args.verb)
+            status = int(args.run(args))
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
@@ -88,6 +98,21 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"videogrammetry {args.verb}: {paragraph(error)}", file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
+
+
+def _show_warning(
+    verb: str,
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    *rest: object,
+) -> None:
+    """What the library warns of as one paragraph; other warnings as Python shows them."""
+    if issubclass(category, SequenceWarning):
+        print(f"videogrammetry {verb}: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    else:
+        sys.stderr.write(warnings.formatwarning(message, category, filename, lineno))
 
 
 def paragraph(error: Exception) -> str:

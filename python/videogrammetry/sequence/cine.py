@@ -1,14 +1,14 @@
 """Phantom recordings, ``.cine``: 8 and 16 bit, 10 and 12 bit packed; mapped into memory.
 
-Frames of 8 and 16 bits are views, turned upright; packed 12-bit ones can be recognised where
-they stand (``packed``); packed 10-bit ones go through the camera's own table to linear 12
-bits, as edges need.
+Frames of 8 and 16 bits mostly stand from the lowest row up and are turned upright; packed
+12-bit ones can be recognised where they stand (``packed``); packed 10-bit ones go through the
+camera's own table to linear 12 bits, as edges need. Of a file cut short the whole frames are
+read, with a remark.
 """
 
 from __future__ import annotations
 
 import struct
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +18,24 @@ import numpy.typing as npt
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence.cine_header import CineHeader, parse_header
 from videogrammetry.sequence.cine_table import LINEAR_12BIT
+from videogrammetry.sequence.file_bytes import FileBytes
 from videogrammetry.sequence.packing import PackedPicture, unpack_12bit
-from videogrammetry.sequence.source import check_index
+from videogrammetry.sequence.recording import (
+    FloatArray,
+    RecordingFacts,
+    RecordingSource,
+    joined_words,
+)
 from videogrammetry.types import FrameSource
 
 SUFFIXES = (".cine",)
 #: A cine's headers, with the setup and tagged blocks, end long before this.
 _HEADER_BYTES = 1 << 20
-_LEAST_ANNOTATION = 8
+#: Bytes of the note before a frame's samples, with its own length and theirs.
+_LEAST_ANNOTATION, _LARGEST_ANNOTATION = 8, 1 << 24
 
 
-class CineSource:
+class CineSource(RecordingSource):
     """The frames of one cine file.
 
     Attributes
@@ -36,64 +43,25 @@ class CineSource:
     header : all that the headers say. paths : the file.
     """
 
-    def __init__(self, path: Path, header: CineHeader) -> None:
+    def __init__(self, path: Path, header: CineHeader, file: FileBytes | None = None) -> None:
         self.header = header
-        self.paths = (path,)
-        self._map = np.memmap(path, dtype=np.uint8, mode="r")
-        table = self._map[header.offsets_at : header.offsets_at + 8 * header.num_frames]
-        self._offsets = table.view("<u8").astype(np.int64) if len(table) else np.empty(0, np.int64)
-        self._check_offsets()
-
-    @property
-    def image_size_px(self) -> tuple[int, int]:
-        """(width, height)."""
-        return self.header.image_size_px
-
-    @property
-    def frame_rate_hz(self) -> float | None:
-        """Frames a second that the camera took."""
-        return self.header.frame_rate_hz
-
-    @property
-    def exposure_s(self) -> float | None:
-        """Exposure time of a frame."""
-        return self.header.exposure_s
-
-    @property
-    def bit_depth(self) -> int:
-        """Bits that count: samples are 0 to 2**bit_depth - 1."""
-        return self.header.effective_bits
-
-    @property
-    def date(self) -> datetime | None:
-        """The trigger's time."""
-        return self.header.trigger_time
-
-    @property
-    def origin(self) -> str:
-        """Camera, trigger and rate of the recording, in words."""
-        header = self.header
-        when, rate, first = header.trigger_time, header.frame_rate_hz, header.first_frame
-        parts = [
-            "Phantom" if header.serial is None else f"Phantom, serial {header.serial}",
-            "" if when is None else f"triggered {when:%Y-%m-%d %H:%M:%S}.{when.microsecond:06d}",
-            "" if rate is None else f"recorded at {rate:g} Hz",
-            f"frames {first} to {first + header.num_frames - 1} from the trigger",
-            "the camera's software shows it mirrored" if header.flip_h or header.flip_v else "",
-        ]
-        return ", ".join(part for part in parts if part)
-
-    def __len__(self) -> int:
-        return self.header.num_frames
-
-    def name(self, index: int) -> str:
-        """The file's name, with ``#n`` from 1 where there are several frames."""
-        check_index(index, len(self), str(self.paths[0]))
-        name = self.paths[0].name
-        return name if len(self) == 1 else f"{name}#{index + 1}"
+        self._file = file or FileBytes(path)
+        self._offsets = self._frame_offsets()
+        whole = self._whole_frames()
+        remarks = []
+        if whole < header.num_frames:
+            cut = (
+                f"{path}: the header promises {header.num_frames} frames, but frame {whole + 1} "
+                f"begins or reaches beyond the file's end ({self._file.size} bytes): the file was "
+                "cut short"
+            )
+            if whole == 0:
+                raise SequenceError(f"{cut}; copy it again")
+            remarks.append(f"{cut}; the {whole} frames before are used; copy it again for the rest")
+        super().__init__((path,), _facts(header, whole), remarks)
 
     def read(self, index: int) -> npt.NDArray[Any]:
-        """The frame: (height, width), uint8 or uint16."""
+        """The frame: (height, width), uint8 or uint16; a view where it stands upright."""
         samples = self._samples(index)
         width, height = self.image_size_px
         bits = self.header.stored_bits
@@ -101,45 +69,95 @@ class CineSource:
             return unpack_12bit(samples, (height, width))
         if bits == 10:
             return LINEAR_12BIT[unpack_10bit(samples, (height, width))]
-        frame = samples.view("<u2" if bits == 16 else np.uint8).reshape(height, width)
-        native = frame.astype(frame.dtype.newbyteorder("="), copy=False)
-        return native[::-1] if self.header.bottom_up else native
+        kind = np.dtype("<u2") if bits == 16 else np.dtype(np.uint8)
+        frame = samples.view(kind).reshape(height, width)
+        if self.header.bottom_up:
+            frame = frame[::-1]
+        # Samples begin wherever the note before them ends: an odd place is no array of words.
+        return np.require(frame, kind.newbyteorder("="), ["C", "A"])
 
     def packed(self, index: int) -> PackedPicture | None:
-        """The packed 12-bit samples where they stand; None of other depths."""
-        if self.header.stored_bits != 12:
-            return None
+        """The packed 12-bit samples where they stand; None of other depths and odd widths."""
         width, height = self.image_size_px
+        if self.header.stored_bits != 12 or width % 2:
+            return None
         return PackedPicture(data=self._samples(index), shape=(height, width))
 
+    def times_s(self) -> FloatArray | None:
+        """(N,) the camera's time stamps, seconds from the trigger; None where there are none."""
+        header = self.header
+        if header.times_at is None or header.trigger is None:
+            return None
+        end = header.times_at + 8 * header.num_frames
+        stamps = self._file.view(header.times_at, end, "the table of time stamps")
+        fraction, seconds = stamps.view("<u4").reshape(-1, 2).T[:, : len(self)].astype(np.int64)
+        # The two lowest bits of a fraction are flags (event, clock locked).
+        ticks = (fraction & ~3) - (header.trigger[1] & ~3)
+        return np.asarray((seconds - header.trigger[0]) + ticks / 2.0**32, np.float64)
+
     def _samples(self, index: int) -> npt.NDArray[np.uint8]:
-        check_index(index, len(self), str(self.paths[0]))
+        self._check(index)
         begin = int(self._offsets[index])
-        (annotation,) = struct.unpack("<I", self._map[begin : begin + 4].tobytes())
-        first = begin + annotation
-        last = first + self.header.image_bytes
-        if annotation < _LEAST_ANNOTATION or last > len(self._map):
+        what = f"frame {index + 1} of {len(self)}"
+        head = self._file.view(begin, begin + 4, what)
+        (annotation,) = struct.unpack("<I", head.tobytes())
+        if not _LEAST_ANNOTATION <= annotation <= _LARGEST_ANNOTATION:
             raise SequenceError(
-                f"{self.paths[0]}: frame {index + 1} of {len(self)} reaches beyond the file's end, "
-                "or its head is damaged; copy the file again, or use frames before it (last = "
+                f"{self.paths[0]}: the head of {what} at byte {begin} is damaged (a note of "
+                f"{annotation} bytes); copy the file again, or use frames before it (last = "
                 f"{index})"
             )
-        samples: npt.NDArray[np.uint8] = np.asarray(self._map[first:last])
-        return samples
+        first = begin + annotation
+        return self._file.view(first, first + self.header.image_bytes, what)
 
-    def _check_offsets(self) -> None:
-        """All frames must begin in the file and the last one end in it."""
-        if not len(self):
-            return
-        good = (self._offsets > 0) & (self._offsets + _LEAST_ANNOTATION <= len(self._map))
-        if not good.all():
-            bad = int(np.flatnonzero(~good)[0])
-            raise SequenceError(
-                f"{self.paths[0]}: the header promises {len(self)} frames, but frame {bad + 1} "
-                f"begins beyond the file's end ({len(self._map)} bytes): the file was cut short; "
-                "copy it again"
-            )
-        self._samples(len(self) - 1)
+    def _frame_offsets(self) -> npt.NDArray[np.int64]:
+        """(N,) where each frame begins; the oldest files count in four bytes."""
+        each = self.header.offset_bytes
+        begin = self.header.offsets_at
+        table = self._file.view(
+            begin, begin + each * self.header.num_frames, "the table of its pictures"
+        )
+        return table.view("<u8" if each == 8 else "<u4").astype(np.int64)
+
+    def _whole_frames(self) -> int:
+        """Frames, from the first on, that lie in the file."""
+        ends = self._offsets + _LEAST_ANNOTATION
+        # (in this order: a damaged offset near 2**63 must not run over)
+        good = (self._offsets > 0) & (ends > 0) & (ends <= self._file.size)
+        good &= self._offsets <= self._file.size - _LEAST_ANNOTATION - self.header.image_bytes
+        whole = len(good) if good.all() else int(np.argmin(good))
+        while whole and not self._ends_in_the_file(int(self._offsets[whole - 1])):
+            whole -= 1
+        return whole
+
+    def _ends_in_the_file(self, begin: int) -> bool:
+        """Whether a frame with the note before it does; the others are asked when read."""
+        note = int(self._file.view(begin, begin + 4, "a frame's head").view("<u4")[0])
+        good = _LEAST_ANNOTATION <= note <= _LARGEST_ANNOTATION
+        return good and begin + note + self.header.image_bytes <= self._file.size
+
+
+def _facts(header: CineHeader, num_frames: int) -> RecordingFacts:
+    when, rate, first = header.trigger_time, header.frame_rate_hz, header.first_frame
+    return RecordingFacts(
+        image_size_px=header.image_size_px,
+        num_frames=num_frames,
+        bit_depth=header.effective_bits,
+        frame_rate_hz=rate,
+        exposure_s=header.exposure_s,
+        first_frame=first,
+        trigger_time=when,
+        date=when,
+        camera_name="" if header.serial is None else f"Phantom {header.serial}",
+        origin=joined_words(
+            "Phantom" if header.serial is None else f"Phantom, serial {header.serial}",
+            "" if when is None else f"triggered {when:%Y-%m-%d %H:%M:%S}.{when.microsecond:06d}",
+            "" if rate is None else f"recorded at {rate:g} Hz",
+            f"frames {first} to {first + num_frames - 1} from the trigger"
+            + ("" if num_frames == header.total_frames else f" (of {header.total_frames} taken)"),
+            "the camera's software shows it mirrored" if header.flip_h or header.flip_v else "",
+        ),
+    )
 
 
 def unpack_10bit(packed: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.NDArray[np.uint16]:
@@ -164,10 +182,9 @@ def unpack_10bit(packed: npt.NDArray[np.uint8], shape: tuple[int, int]) -> npt.N
 
 def open_file(path: Path) -> FrameSource:
     """A cine file as a sequence."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        data = file.read(min(size, _HEADER_BYTES))
-    header = parse_header(path, data, size)
+    file = FileBytes(path)
+    data = file.view(0, min(file.size, _HEADER_BYTES), "the header").tobytes()
+    header = parse_header(path, data, file.size)
     if header.num_frames == 0:
         raise SequenceError(f"{path}: the recording has no frame; save it again")
-    return CineSource(path, header)
+    return CineSource(path, header, file)

@@ -23,6 +23,8 @@ _FRAME_RATE16, _SHUTTER16, _MARK, _LENGTH = 0, 2, 140, 142
 _SERIAL, _FLIP_H, _FLIP_V, _FRAME_RATE, _SHUTTER_US = 743, 756, 760, 768, 772
 _POST_TRIGGER, _CFA, _REAL_BITS = 780, 808, 896
 _SHUTTER_NS = 1568
+#: A block of the camera's: length with this head, kind, reserved. 1002: time stamps alone.
+_BLOCK, _TIMES_BLOCK = struct.Struct("<IHH"), 1002
 _MAX_SIDE, _MAX_FRAMES = 65536, 100_000_000
 
 
@@ -37,6 +39,10 @@ class CineHeader:
     stored_bits : 8, 10, 12 or 16. effective_bits : that count, as the camera says.
     flip_h, flip_v : the camera's software would mirror the picture; it is stored as it is.
     bottom_up : rows stand from the lowest one up.
+    total_frames : that the camera took; the file may hold a range of them.
+    trigger : (seconds since 1970, fraction in 1/2**32) of the trigger.
+    times_at : where the frames' time stamps stand, 8 bytes each. offset_bytes : that the place
+    of a frame takes in the table of pictures.
     """
 
     image_size_px: tuple[int, int]
@@ -54,6 +60,10 @@ class CineHeader:
     flip_v: bool
     offsets_at: int
     image_bytes: int
+    total_frames: int
+    trigger: tuple[int, int] | None
+    times_at: int | None
+    offset_bytes: int
 
 
 def parse_header(path: Path, data: bytes, file_size: int) -> CineHeader:
@@ -73,7 +83,7 @@ def parse_header(path: Path, data: bytes, file_size: int) -> CineHeader:
             f"{path}: not a Phantom cine file (it does not begin with CI), or cut short"
         )
     fields = _CINE.unpack_from(data)
-    compression, first, count = fields[2], fields[6], fields[7]
+    compression, version, total, first, count = fields[2], fields[3], *fields[5:8]
     at_bitmap, at_setup, at_offsets, fraction, seconds = fields[8:13]
     if compression == 1:
         raise SequenceError(
@@ -98,7 +108,8 @@ def parse_header(path: Path, data: bytes, file_size: int) -> CineHeader:
             f"{path}: a picture of {width} x {height} px with {stored_bits} bits has {wanted} "
             f"bytes, the header states {size}: it is damaged"
         )
-    if at_offsets + 8 * count > file_size:
+    offset_bytes = 4 if version == 0 else 8
+    if at_offsets + offset_bytes * count > file_size:
         raise SequenceError(
             f"{path}: the table of its {count} pictures is cut off ({file_size} bytes); copy the "
             "file again"
@@ -125,7 +136,24 @@ def parse_header(path: Path, data: bytes, file_size: int) -> CineHeader:
         flip_v=bool(setup.whole(_FLIP_V)),
         offsets_at=at_offsets,
         image_bytes=wanted,
+        total_frames=total,
+        trigger=(seconds, fraction) if seconds else None,
+        times_at=_find_times(data, setup.end, at_offsets, count),
+        offset_bytes=offset_bytes,
     )
+
+
+def _find_times(data: bytes, begin: int, end: int, count: int) -> int | None:
+    """Where the block of time stamps has its first: blocks stand after the setup, in a row."""
+    at = begin
+    while at + _BLOCK.size <= min(end, len(data)):
+        size, kind, _ = _BLOCK.unpack_from(data, at)
+        if kind == _TIMES_BLOCK and size >= _BLOCK.size + 8 * count:
+            return at + _BLOCK.size
+        if size < _BLOCK.size:
+            break
+        at += size
+    return None
 
 
 def _check_samples(path: Path, compression: int, bits: int, stored: int, setup: _Setup) -> None:
@@ -156,6 +184,7 @@ class _Setup:
         marked = data[begin + _MARK : begin + _MARK + 2] == b"ST"
         length = self._read("<H", _LENGTH, len(data)) if marked else 0
         stop = begin + (length or _MARK)
+        self.end = stop
         self._stop = min(stop, len(data), end if end > begin else len(data))
 
     def _read(self, code: str, at: int, stop: int) -> int | None:

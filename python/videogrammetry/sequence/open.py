@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from videogrammetry.errors import SequenceError
+from videogrammetry.errors import SequenceError, SequenceWarning
 from videogrammetry.sequence.formats import known_suffixes, open_file
 from videogrammetry.sequence.mraw import one_of_each_recording
 from videogrammetry.sequence.select import find_files
 from videogrammetry.sequence.source import JoinedSource
+from videogrammetry.sequence.video import SUFFIXES as VIDEO_SUFFIXES
 
 #: A file, folder or pattern, or several of these, read one after the other.
 SequenceSpec = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -38,17 +40,21 @@ def open_sequence(
     SequenceError
         Nothing matches; a file is no picture, empty, cut short, or of another
         size than the first. The message names it.
+
+    Warns
+    -----
+    SequenceWarning
+        A file is not as it should be, but can be measured in; the same texts are the
+        sequence's ``remarks``.
     """
     base = Path() if base_dir is None else Path(base_dir)
     specs = [spec] if isinstance(spec, str | os.PathLike) else list(spec)
     if not specs:
         raise SequenceError("an empty list names no picture: give a file, a folder or a pattern")
-    paths = [
-        path
-        for one in specs
-        for path in one_of_each_recording(find_files(one, base, known_suffixes()))
-    ]
+    paths = [path for one in specs for path in _files(one, base)]
     sources = [open_file(path) for path in paths]
+    for remark in (text for source in sources for text in getattr(source, "remarks", ())):
+        warnings.warn(remark, SequenceWarning, stacklevel=2)
     if same_size:
         for path, source in zip(paths, sources, strict=True):
             if source.image_size_px != sources[0].image_size_px:
@@ -58,6 +64,15 @@ def open_sequence(
                     "one size; take the stranger out"
                 )
     return JoinedSource(sources, paths)
+
+
+def _files(spec: str | os.PathLike[str], base: Path) -> list[Path]:
+    """The files of one specification; of a folder no video beside pictures or recordings."""
+    paths = one_of_each_recording(find_files(spec, base, known_suffixes()))
+    if not (base / os.fspath(spec)).is_dir():
+        return paths
+    # Cameras' software likes to leave a film to look at beside the frames to measure in.
+    return [p for p in paths if p.suffix.lower() not in VIDEO_SUFFIXES] or paths
 
 
 def _size(image_size_px: tuple[int, int]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import SequenceError
-from videogrammetry.sequence.source import PictureSource
+from videogrammetry.sequence.source import PictureSource, check_picture_size
 from videogrammetry.types import FrameSource
 
 SUFFIXES = (".pgm",)
@@ -47,6 +47,7 @@ def _header(path: Path, data: bytes) -> tuple[bytes, int, int, int, int]:
             f"{path}: PGM header says {width}x{height} px, maxval {maxval}, which cannot be; "
             "save the picture again"
         )
+    check_picture_size(path, width, height)
     return match[1], width, height, maxval, match.end()
 
 

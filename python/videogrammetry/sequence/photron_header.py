@@ -27,7 +27,10 @@ _XML_PLACES = {
     "Shutter Speed(s)": "recordInfo/shutterSpeed",
     "Shutter Type2(nsec)": "recordInfo/shutterSpeedNsec",
     "Total Frame": "frameInfo/totalFrame",
+    "Start Frame": "frameInfo/startFrame",
     "Save Step": "frameInfo/skipFrame",
+    "Partition Number": "deviceInfo/currentPartition",
+    "Partition Count": "deviceInfo/totalPartition",
     "Image Width": "imageDataInfo/resolution/width",
     "Image Height": "imageDataInfo/resolution/height",
     "Color Type": "imageDataInfo/colorInfo/type",
@@ -58,6 +61,8 @@ class PhotronHeader:
     save_step : every n-th recorded frame was saved.
     exposure_s : None where not stated. camera_name, device : "" likewise.
     date : of the recording, by the clock of its computer.
+    first_frame : the camera's number of the first frame, 0 the trigger's; None where not stated.
+    partition, num_partitions : of the camera's memory; each is saved as a recording of its own.
     """
 
     image_size_px: tuple[int, int]
@@ -71,6 +76,9 @@ class PhotronHeader:
     camera_name: str
     device: str
     date: datetime | None
+    first_frame: int | None = None
+    partition: int | None = None
+    num_partitions: int | None = None
 
 
 def file_format(path: Path) -> str:
@@ -113,6 +121,9 @@ def read_header(path: Path) -> PhotronHeader:
         camera_name=reader.text("User Defined Camera Name", ""),
         device=reader.text("Camera Type", ""),
         date=reader.date(),
+        first_frame=reader.optional("Start Frame"),
+        partition=reader.optional("Partition Number"),
+        num_partitions=reader.optional("Partition Count"),
     )
 
 
@@ -127,6 +138,16 @@ def _fields(path: Path) -> dict[str, str]:
     return _xml_fields(path, data) if path.suffix.lower() == ".cihx" else _text_fields(path, data)
 
 
+def _decoded(data: bytes) -> str:
+    """Text in UTF-8, UTF-16 with its mark, or a Japanese computer's own encoding."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp932", "replace")
+
+
 def _xml_fields(path: Path, data: bytes) -> dict[str, str]:
     begin, end = data.find(b"<cih>"), data.rfind(b"</cih>")
     if begin < 0 or end < begin:
@@ -134,7 +155,7 @@ def _xml_fields(path: Path, data: bytes) -> dict[str, str]:
             f"{path}: no Photron header, or cut short: the XML from <cih> to </cih> is not "
             f"in its {len(data)} bytes; {_COPY}"
         )
-    text = data[begin : end + len(b"</cih>")].decode("utf-8", "replace")
+    text = _decoded(data[begin : end + len(b"</cih>")])
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
@@ -147,7 +168,7 @@ def _xml_fields(path: Path, data: bytes) -> dict[str, str]:
 
 def _text_fields(path: Path, data: bytes) -> dict[str, str]:
     """The lines "name : value" up to the first empty one, where other programs' notes begin."""
-    text = data.decode("utf-8", "replace").removeprefix("\ufeff")
+    text = _decoded(data)
     fields: dict[str, str] = {}
     for line in text.splitlines():
         if not line.strip():
@@ -181,6 +202,11 @@ class _Reader:
         if not re.fullmatch(r"[+-]?\d{1,18}", value) or not low <= int(value) <= high:
             raise self._absurd(name, f"a whole number from {low} to {high}")
         return int(value)
+
+    def optional(self, name: str) -> int | None:
+        """A whole number that nothing depends on; None where it is none."""
+        value = self.fields.get(name, "")
+        return int(value) if re.fullmatch(r"[+-]?[0-9]{1,10}", value) else None
 
     def stored_bits(self) -> int:
         kind = self.text("Color Type", "Mono")

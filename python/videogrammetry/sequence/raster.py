@@ -19,7 +19,7 @@ from PIL import Image
 
 from videogrammetry.errors import SequenceError
 from videogrammetry.sequence.grey import grey_from_rgb
-from videogrammetry.sequence.source import PictureSource
+from videogrammetry.sequence.source import PictureSource, check_picture_size
 from videogrammetry.types import FrameSource
 
 SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg")
@@ -35,6 +35,7 @@ def open_file(path: Path) -> FrameSource:
         image = _open(path, file)
         size = image.size
         image.close()
+    check_picture_size(path, *size)
     return PictureSource(path, size, _decode)
 
 
@@ -63,7 +64,15 @@ def _decode(path: Path) -> npt.NDArray[Any]:
             if kind == "JPEG":
                 image.draft("L", None)  # luminance alone, if that is how it is stored
             image.load()
-        except (OSError, SyntaxError, ValueError, struct.error, zlib.error) as error:
+        except (
+            OSError,
+            SyntaxError,
+            ValueError,
+            IndexError,
+            MemoryError,
+            struct.error,
+            zlib.error,
+        ) as error:
             raise SequenceError(
                 f"{path}: the {kind} picture is damaged or cut short ({error}); copy it again"
             ) from error

@@ -1,14 +1,16 @@
-"""Frame sources that are made of others, and what holds between cameras."""
+"""Frame sources that are made of others, and checks that all sources need."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import SequenceError
@@ -106,6 +108,30 @@ class JoinedSource:
         return int(self._common("save_step") or 1)
 
     @property
+    def first_frame(self) -> int | None:
+        """The camera's number of the first frame, counted from the trigger, if it is stated."""
+        number: int | None = getattr(self._sources[0], "first_frame", None)
+        return number
+
+    @property
+    def trigger_time(self) -> datetime | None:
+        """When the trigger came if all sources state the same, else None."""
+        time: datetime | None = self._common("trigger_time")
+        return time
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is wrong with the files though they can be measured in, a paragraph each."""
+        return tuple(text for source in self._sources for text in getattr(source, "remarks", ()))
+
+    def times_s(self) -> npt.NDArray[np.float64] | None:
+        """(N,) time stamps, from the trigger, if every source has them; else None."""
+        parts: list[Any] = [getattr(s, "times_s", lambda: None)() for s in self._sources]
+        if any(part is None for part in parts) or self._common("trigger_time") is None:
+            return parts[0] if len(parts) == 1 else None
+        return np.concatenate(parts)
+
+    @property
     def sources(self) -> tuple[FrameSource, ...]:
         """The sequences that are joined here, with what each of them knows of itself."""
         return self._sources
@@ -154,27 +180,21 @@ class JoinedSource:
         return samples
 
 
+#: Of a picture; larger ones are a damaged header, for which no memory is taken.
+_MOST_PIXELS_A_SIDE, _MOST_PIXELS = 1 << 16, 1 << 30
+
+
+def check_picture_size(path: Path, width: int, height: int) -> None:
+    """SequenceError unless a camera can have taken a picture of that size."""
+    sides = 0 < width <= _MOST_PIXELS_A_SIDE and 0 < height <= _MOST_PIXELS_A_SIDE
+    if not sides or width * height > _MOST_PIXELS:
+        raise SequenceError(
+            f"{path}: its header states {width}x{height} px, which no camera's picture has: it is "
+            "damaged; copy the file again"
+        )
+
+
 def check_index(index: int, length: int, what: str) -> None:
     """IndexError unless 0 <= index < length."""
     if not 0 <= index < length:
         raise IndexError(f"frame {index} of {what}: it has frames 0 to {length - 1}")
-
-
-def check_same_length(sources: Mapping[str, FrameSource]) -> int:
-    """Number of frames of every camera; SequenceError names two cameras that differ.
-
-    The n-th frames of all cameras belong to one stage, so that one missing
-    picture would pair all later ones wrongly.
-    """
-    if not sources:
-        raise ValueError("sources: expected at least one camera, got none")
-    first = next(iter(sources))
-    count = len(sources[first])
-    for name, source in sources.items():
-        if len(source) != count:
-            raise SequenceError(
-                f"camera {first!r} has {count} frames, but camera {name!r} has {len(source)}: "
-                "the n-th frames of all cameras belong together, so the numbers must be equal; "
-                "find the missing or surplus picture, or narrow the pattern"
-            )
-    return count

@@ -3,7 +3,9 @@
 Directories are read by tifffile, uncompressed samples straight from the file
 (any thread, any page, at once), compressed ones by tifffile or, where it lacks
 the codec (LZW, PackBits, JPEG), by Pillow. tifffile overlooks a directory or
-strip that lies beyond the end of a file that was cut; both are checked here.
+strip that lies beyond the end of a file that was cut; both are checked here, and
+of a stack that was cut the pages before are read, with a remark. A stack's
+uncompressed pages are views of the mapped file.
 """
 
 from __future__ import annotations
@@ -20,9 +22,10 @@ import tifffile
 from PIL import Image
 
 from videogrammetry.errors import SequenceError
+from videogrammetry.sequence.file_bytes import FileBytes
 from videogrammetry.sequence.grey import grey_from_rgb
 from videogrammetry.sequence.raster import grey_of_image
-from videogrammetry.sequence.source import check_index
+from videogrammetry.sequence.source import check_index, check_picture_size
 from videogrammetry.types import FrameSource
 
 SUFFIXES = (".tif", ".tiff")
@@ -39,6 +42,7 @@ _DAMAGE = (
     IndexError,
     TypeError,
     ZeroDivisionError,
+    MemoryError,
     struct.error,
     zlib.error,
 )
@@ -58,10 +62,18 @@ class _Page:
 
 @dataclass(frozen=True)
 class TiffSource:
-    """The pages of one TIFF file, reduced copies (thumbnails) left out."""
+    """The pages of one TIFF file, reduced copies (thumbnails) left out.
+
+    Attributes
+    ----------
+    file : the mapped file of a stack, whose uncompressed samples are not copied.
+    remarks : what is wrong with the file though it can be measured in.
+    """
 
     path: Path
     pages: tuple[_Page, ...]
+    file: FileBytes | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def image_size_px(self) -> tuple[int, int]:
@@ -87,7 +99,7 @@ class TiffSource:
         check_index(index, len(self.pages), str(self.path))
         page = self.pages[index]
         if page.offset is not None:
-            frame = _read_plain(self.path, page)
+            frame = _read_plain(self.path, page, self.file)
         else:
             frame = _decode(self.path, page)
         if frame.shape != page.shape:
@@ -106,18 +118,14 @@ def open_file(path: Path) -> FrameSource:
         Not a TIFF, cut short, or samples of a kind that cannot be measured in.
     """
     size = path.stat().st_size
-    offsets = _directory_offsets(path, size)
+    offsets, cut = _directory_offsets(path, size)
     try:
         with tifffile.TiffFile(path, is_ome=False) as tif:
-            found = list(tif.pages)
+            found = list(tif.pages)[: len(offsets)]
             if [p.offset for p in found] != offsets:
                 raise _damaged(path, f"{len(found)} of {len(offsets)} pages can be read")
             _check_hidden_stack(path, tif)
-            pages = tuple(
-                _page_of(path, size, i, page, tif.byteorder == ">")
-                for i, page in enumerate(found)
-                if isinstance(page, tifffile.TiffPage) and not (page.is_reduced and i > 0)
-            )
+            pages, missing = _whole_pages(path, size, found, tif.byteorder == ">")
     except SequenceError:  # says what is wrong already
         raise
     except _DAMAGE as error:
@@ -129,7 +137,33 @@ def open_file(path: Path) -> FrameSource:
                 f"has {pages[0].shape[1]}x{pages[0].shape[0]} px: a sequence has one size; "
                 "split the file"
             )
-    return TiffSource(path, pages)
+    remarks: tuple[str, ...] = ()
+    if cut or missing:
+        remarks = (
+            f"{path}: the stack is cut short at byte {size}: its first {len(pages)} pages are "
+            "whole and are used; copy the file again for the others",
+        )
+    return TiffSource(path, pages, FileBytes(path) if len(pages) > 1 else None, remarks)
+
+
+class _CutShortError(SequenceError):
+    """Samples lie beyond the file's end: pages before can be whole."""
+
+
+def _whole_pages(
+    path: Path, size: int, found: list[Any], big_endian: bool
+) -> tuple[tuple[_Page, ...], bool]:
+    """The pages up to the first whose samples are not all there, and whether there is one."""
+    pages: list[_Page] = []
+    for i, page in enumerate(found):
+        if isinstance(page, tifffile.TiffPage) and not (page.is_reduced and i > 0):
+            try:
+                pages.append(_page_of(path, size, i, page, big_endian))
+            except _CutShortError:
+                if not pages:
+                    raise
+                return tuple(pages), True
+    return tuple(pages), False
 
 
 def _damaged(path: Path, what: str) -> SequenceError:
@@ -139,8 +173,11 @@ def _damaged(path: Path, what: str) -> SequenceError:
     )
 
 
-def _directory_offsets(path: Path, size: int) -> list[int]:
-    """Offsets of all directories, each wholly within the file (TIFF 6.0, p. 13-15)."""
+def _directory_offsets(path: Path, size: int) -> tuple[list[int], bool]:
+    """Offsets of the directories that lie wholly within the file (TIFF 6.0, p. 13-15).
+
+    And whether others, of a file that was cut short, do not.
+    """
     with path.open("rb") as file:
         header = file.read(16)
         order = {b"II": "<", b"MM": ">"}.get(header[:2])
@@ -153,26 +190,28 @@ def _directory_offsets(path: Path, size: int) -> list[int]:
         count_format, entry, next_format, at = (
             ("H", 12, "I", 4) if version == 42 else ("Q", 20, "Q", 8)
         )
-        offsets: list[int] = []
+        offsets: dict[int, None] = {}  # in order, and quick to look into
         try:
             offset = struct.unpack_from(order + next_format, header, at)[0]
             while offset:
                 if offset in offsets or len(offsets) > 10_000_000:
                     raise _damaged(path, "its directories go round in a circle")
-                offsets.append(offset)
+                offsets[offset] = None
                 file.seek(offset)
                 raw = file.read(struct.calcsize(count_format))
                 entries = struct.unpack(order + count_format, raw)[0]
                 file.seek(entries * entry, 1)
                 raw = file.read(struct.calcsize(next_format))
                 offset = struct.unpack(order + next_format, raw)[0]
-        except (struct.error, OSError, OverflowError) as error:
+        except (struct.error, OSError, OverflowError, ValueError) as error:
+            if len(offsets) > 1:
+                return list(offsets)[:-1], True
             raise _damaged(
                 path, f"directory {max(1, len(offsets))} lies beyond the end at byte {size}"
             ) from error
     if not offsets:
         raise _damaged(path, "it has no page")
-    return offsets
+    return list(offsets), False
 
 
 def _check_hidden_stack(path: Path, tif: tifffile.TiffFile) -> None:
@@ -194,6 +233,13 @@ def _page_of(path: Path, size: int, index: int, page: tifffile.TiffPage, big_end
         raise SequenceError(
             f"{where} has {bits}-bit samples of type {page.dtype}; save it as 8- or 16-bit grey"
         )
+    numbers = (page.imagewidth, page.imagelength, page.samplesperpixel, bits)
+    if not all(isinstance(n, int) for n in (*numbers, *page.dataoffsets, *page.databytecounts)):
+        raise SequenceError(
+            f"{where} of the TIFF states sizes or places that are no whole numbers: it is damaged; "
+            "copy the file again"
+        )
+    check_picture_size(path, page.imagewidth, page.imagelength)
     _check_segments(where, size, page)
     plain = (
         page.compression == _UNCOMPRESSED
@@ -224,7 +270,7 @@ def _check_segments(where: str, size: int, page: tifffile.TiffPage) -> None:
         raise SequenceError(f"{where} of the TIFF has no samples; copy the file again")
     for number, (offset, count) in enumerate(zip(offsets, counts, strict=True), start=1):
         if count == 0 or offset == 0 or offset + count > size:
-            raise SequenceError(
+            raise _CutShortError(
                 f"{where} of the TIFF is cut short: part {number} of {len(offsets)} should end at "
                 f"byte {offset + count}, the file has {size}; copy the file again"
             )
@@ -246,21 +292,20 @@ def _in_one_piece(page: tifffile.TiffPage) -> bool:
     return all(end == start for end, start in zip(ends, page.dataoffsets[1:], strict=False))
 
 
-def _read_plain(path: Path, page: _Page) -> npt.NDArray[Any]:
+def _read_plain(path: Path, page: _Page, mapped: FileBytes | None) -> npt.NDArray[Any]:
     height, width = page.shape
     row_bytes = (width * page.bits + 7) // 8
-    with path.open("rb") as file:
-        file.seek(page.offset or 0)
-        data = file.read(row_bytes * height)
-    if len(data) < row_bytes * height:
-        raise _damaged(path, f"page {page.index + 1} ends after {len(data)} bytes")
+    begin, what = page.offset or 0, f"page {page.index + 1}"
+    # (a single picture is read at once: mapping thousands of files keeps them all open)
+    file = mapped or FileBytes(path, mapped=False)
+    data = file.view(begin, begin + row_bytes * height, what)
     if page.bits == 8:
-        return np.frombuffer(data, np.uint8).reshape(height, width)
+        return data.reshape(height, width)
     if page.bits == 16:
-        order = ">u2" if page.big_endian else "<u2"
-        return np.frombuffer(data, order).reshape(height, width).astype(np.uint16)
+        words = data.view(">u2" if page.big_endian else "<u2").reshape(height, width)
+        return np.require(words, np.uint16, ["C", "A"])
     # Packed samples: the most significant bit first, every row from a new byte.
-    rows = np.frombuffer(data, np.uint8).reshape(height, row_bytes)
+    rows = data.reshape(height, row_bytes)
     bits = np.unpackbits(rows, axis=1, count=width * page.bits).reshape(height, width, page.bits)
     weights = (1 << np.arange(page.bits - 1, -1, -1)).astype(np.uint16)
     return np.asarray(bits @ weights, dtype=np.uint16)

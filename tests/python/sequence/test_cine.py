@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from videogrammetry.errors import SequenceError
+from videogrammetry.errors import SequenceError, SequenceWarning
 from videogrammetry.recognition import RecognitionOptions, recognize
 from videogrammetry.sequence import open_sequence
 from videogrammetry.sequence.cine import unpack_10bit
@@ -17,9 +17,20 @@ from videogrammetry.sequence.packing import pack_12bit
 SETUP_BYTES = 1700
 
 
-def write_cine(path, frames, bits, *, packing=0, first=-3, cfa=0, compression=0, height=None):
-    """A cine file of samples that are already stored bytes, one array a frame."""
+def write_cine(path, frames, bits, *, packing=0, first=-3, cfa=0, compression=0, height=None,
+               times=None, old=False, note=8):  # fmt: skip
+    """A cine file of samples that are already stored bytes, one array a frame.
+
+    ``times``: (seconds since the trigger) of every frame; ``old``: version 0, places of four
+    bytes; ``note``: bytes before a frame's samples.
+    """
     shape = frames[0][1]
+    blocks = b""
+    if times is not None:
+        ticks = [round(t * 2**32) + 1_700_000_000 * 2**32 + 2**31 for t in times]
+        stamps = b"".join(struct.pack("<II", t & 0xFFFFFFFC, t >> 32) for t in ticks)
+        blocks = struct.pack("<IHH", 12, 1001, 0) + bytes(4)  # a block that is passed over
+        blocks += struct.pack("<IHH", 8 + len(stamps), 1002, 0) + stamps
     setup = bytearray(SETUP_BYTES)
     setup[140:142] = b"ST"
     for at, value in ((743, 4711), (768, 5000), (772, 100), (780, 50), (808, cfa), (896, bits),
@@ -28,22 +39,23 @@ def write_cine(path, frames, bits, *, packing=0, first=-3, cfa=0, compression=0,
     struct.pack_into("<H", setup, 142, SETUP_BYTES)
     at_bitmap = 44
     at_setup = at_bitmap + 40
-    at_offsets = at_setup + SETUP_BYTES
+    at_offsets = at_setup + SETUP_BYTES + len(blocks)
     stored = 8 if bits <= 8 else 16
     data = bytearray(
-        struct.pack("<2s3HiIiI3I2I", b"CI", 44, compression, 1, first, len(frames), first,
-                    len(frames), at_bitmap, at_setup, at_offsets, 1 << 31, 1_700_000_000)
+        struct.pack("<2s3HiIiI3I2I", b"CI", 44, compression, 0 if old else 1, first, len(frames),
+                    first, len(frames), at_bitmap, at_setup, at_offsets, 1 << 31, 1_700_000_000)
     )  # fmt: skip
     size = len(frames[0][0])
     data += struct.pack("<IiiHHIIiiII", 40, shape[1], height or shape[0], 1, stored, packing, size,
                         0, 0, 0, 0)  # fmt: skip
-    data += setup
-    place = at_offsets + 8 * len(frames)
+    data += setup + blocks
+    place = at_offsets + (4 if old else 8) * len(frames)
     for samples, _ in frames:
-        data += struct.pack("<Q", place)
-        place += 8 + len(samples)
+        data += struct.pack("<I" if old else "<Q", place)
+        place += note + len(samples)
     for samples, _ in frames:
-        data += struct.pack("<II", 8, len(samples)) + samples
+        data += struct.pack("<I", note) + bytes(note - 8) + struct.pack("<I", len(samples))
+        data += samples
     path.write_bytes(data)
     return path
 
@@ -60,7 +72,7 @@ def pack_10bit(samples):
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_plain_samples_stand_upright_and_are_not_copied(tmp_path, bits):
+def test_plain_samples_stand_upright(tmp_path, bits):
     wanted = pictures(bits)
     path = write_cine(
         tmp_path / "a.cine", [(p[::-1].tobytes(), p.shape) for p in wanted], min(bits, 12)
@@ -68,13 +80,15 @@ def test_plain_samples_stand_upright_and_are_not_copied(tmp_path, bits):
     source = open_sequence([path])
     for k, picture in enumerate(wanted):
         np.testing.assert_array_equal(source.read(k), picture)
-    assert not source.read(0).flags.owndata
+    assert source.read(0).flags.c_contiguous
 
 
 def test_a_negative_height_means_from_the_top_down(tmp_path):
     wanted = pictures(8, 1)[0]
     path = write_cine(tmp_path / "a.cine", [(wanted.tobytes(), wanted.shape)], 8, height=-24)
-    np.testing.assert_array_equal(open_sequence([path]).read(0), wanted)
+    frame = open_sequence([path]).read(0)
+    np.testing.assert_array_equal(frame, wanted)
+    assert not frame.flags.owndata  # and is a view of the mapped file
 
 
 def test_packed_12_bit_is_read_and_recognised_where_it_stands(tmp_path):
@@ -117,14 +131,55 @@ def test_rate_exposure_trigger_and_serial_come_out_of_the_file(tmp_path):
     assert "frames -3 to -3 from the trigger" in source.origin
 
 
+def test_time_stamps_are_from_the_trigger(tmp_path):
+    stored = [(p.tobytes(), p.shape) for p in pictures(8)]
+    times = [-0.75, 0.0002, 3.25]
+    source = open_sequence([write_cine(tmp_path / "a.cine", stored, 8, times=times)])
+    # Stored in 2**-32 s, of which the two lowest bits are flags.
+    np.testing.assert_allclose(source.times_s(), times, rtol=0, atol=4 * 2.0**-32)
+    assert source.first_frame == -3
+    without = open_sequence([write_cine(tmp_path / "b.cine", stored, 8)])
+    assert without.times_s() is None
+
+
+@pytest.mark.parametrize("note", [8, 9, 24])
+def test_old_tables_and_notes_before_frames(tmp_path, note):
+    wanted = pictures(16)
+    stored = [(p.tobytes(), p.shape) for p in wanted]
+    path = write_cine(tmp_path / "a.cine", stored, 16, height=-24, old=True, note=note)
+    for k, picture in enumerate(wanted):
+        frame = open_sequence([path]).read(k)
+        np.testing.assert_array_equal(frame, picture)
+        assert frame.flags.aligned
+
+
+def test_of_a_file_cut_short_the_whole_frames_are_read(tmp_path):
+    wanted = pictures(8)
+    stored = [(p.tobytes(), p.shape) for p in wanted]
+    path = write_cine(tmp_path / "a.cine", stored, 8, times=[0.0, 0.1, 0.2])
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.warns(SequenceWarning, match=r"promises 3 frames, but frame 3 .* the 2 frames"):
+        source = open_sequence([path])
+    assert len(source) == len(source.times_s()) == 2
+    np.testing.assert_array_equal(source.read(1), wanted[1][::-1])
+    assert "the 2 frames before are used" in source.remarks[0]
+
+
+def test_a_last_frame_whose_note_pushes_it_over_the_end_is_left_out(tmp_path):
+    stored = [(p.tobytes(), p.shape) for p in pictures(8)]
+    path = write_cine(tmp_path / "a.cine", stored, 8, note=24)
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.warns(SequenceWarning, match="the 2 frames before are used"):
+        assert len(open_sequence([path])) == 2
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda d: d[:30], "does not begin with CI"),
         (lambda d: b"XX" + d[2:], "does not begin with CI"),
         (lambda d: d[:1000], "cut short|cut off"),
-        (lambda d: d[:-100], "frame 3 of 3 reaches beyond|cut short"),
-        (lambda d: d[: len(d) // 2], "begins beyond|reaches beyond"),
+        (lambda d: d[: len(d) // 2], "frame 1 begins or reaches beyond"),
     ],
 )
 def test_a_file_that_is_not_whole_is_refused(tmp_path, change, message):
@@ -150,6 +205,7 @@ def test_what_cannot_be_measured_in_is_refused_with_a_reason(tmp_path, kind, mes
         open_sequence([write_cine(tmp_path / "a.cine", stored, 8, **kind)])
 
 
+@pytest.mark.filterwarnings("ignore::videogrammetry.errors.SequenceWarning")
 def test_damaged_headers_never_end_in_anything_but_a_message(tmp_path):
     stored = [(p.tobytes(), p.shape) for p in pictures(16)]
     whole = bytearray(write_cine(tmp_path / "a.cine", stored, 12).read_bytes())
@@ -178,8 +234,9 @@ def test_real_recordings_equal_another_programs_frames(data, name, frame):
     width, height, _ = np.fromfile(gold, "<u4", 3)
     other = np.fromfile(gold, "<f4", offset=12).reshape(height, width)
     source = open_sequence([folder / f"{name}.cine"])
-    # The other program scales to 255; single precision rounds in the seventh digit.
+    # The other program scales to 255 in single precision, whose 24 bits hold the 12 of a sample.
     scale = 255.0 / (2**source.bit_depth - 1)
+    np.testing.assert_array_equal(np.rint(other / scale), source.read(frame))
     np.testing.assert_allclose(scale * source.read(frame), other, rtol=3e-7)
 
 

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import io
+import struct
+import tracemalloc
+import warnings
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -176,21 +180,87 @@ def test_stack_names_its_pages_from_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", [None, "zlib"])
-def test_a_cut_stack_never_becomes_a_shorter_one(tmp_path: Path, compression) -> None:
+def test_of_a_cut_stack_the_whole_pages_are_read_and_it_is_said(
+    tmp_path: Path, compression
+) -> None:
     path = tmp_path / "stack.tif"
     with tifffile.TiffWriter(path) as writer:
         for i in range(3):
             writer.write(GREY8 // (i + 1), contiguous=False, compression=compression, metadata=None)
     data = path.read_bytes()
+    lengths = set()
     for length in range(1, len(data)):
         path.write_bytes(data[:length])
-        try:
-            source = open_sequence(path)
-        except SequenceError:
-            continue
-        assert len(source) == 3
-        for i in range(3):
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            try:
+                source = open_sequence(path)
+            except SequenceError:
+                continue
+        assert (len(source) == 3) == (not said)
+        if said:
+            assert f"its first {len(source)} pages are whole" in str(said[0].message)
+        lengths.add(len(source))
+        for i in range(len(source)):
             np.testing.assert_array_equal(source.read(i), GREY8 // (i + 1))
+
+
+def test_a_stacks_plain_pages_are_not_copied(tmp_path: Path) -> None:
+    stack = np.stack([GREY16, GREY16 // 2])
+    tifffile.imwrite(tmp_path / "s.tif", stack, photometric="minisblack", byteorder="<")
+    frame = open_sequence(tmp_path / "s.tif").read(1)
+    np.testing.assert_array_equal(frame, stack[1])
+    assert not frame.flags.owndata
+
+
+@pytest.mark.parametrize("suffix", [".pgm", ".tif", ".bmp", ".png"])
+def test_absurd_sizes_take_no_memory(tmp_path: Path, suffix: str) -> None:
+    side = 999_999_999
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".pgm":
+        path.write_bytes(b"P5 %d %d 255\n" % (side, side) + bytes(100))
+    elif suffix == ".tif":
+        tifffile.imwrite(path, GREY8, compression="zlib", metadata=None)
+        data = path.read_bytes()
+        for tag in (256, 257):
+            at = next(
+                k for k in range(8, len(data)) if data[k : k + 4] in
+                (struct.pack("<HH", tag, 3), struct.pack("<HH", tag, 4))
+            )  # fmt: skip
+            data = data[:at] + struct.pack("<HHII", tag, 4, 1, side) + data[at + 12 :]
+        path.write_bytes(data)
+    else:
+        Image.fromarray(GREY8).save(path)
+        data = bytearray(path.read_bytes())
+        if suffix == ".bmp":
+            struct.pack_into("<ii", data, 18, side, side)
+        else:
+            struct.pack_into(">II", data, 16, side, side)
+            struct.pack_into(">I", data, 29, zlib.crc32(data[12:29]))
+        path.write_bytes(data)
+    tracemalloc.start()
+    with pytest.raises(SequenceError, match=rf"a\{suffix}.*(999999999|larger than any)"):
+        open_sequence(path).read(0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20e6
+
+
+def test_places_beyond_any_file_and_sizes_that_are_no_whole_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    for place in (2**63, 2**64 - 1, 2**63 - 1):
+        path.write_bytes(struct.pack("<2sHHHQ", b"II", 43, 8, 0, place) + bytes(64))
+        with pytest.raises(SequenceError, match=r"a\.tif: TIFF picture is damaged"):
+            open_sequence(path)
+    tifffile.imwrite(path, GREY8, metadata=None)
+    data = bytearray(path.read_bytes())
+    at = data.index(struct.pack("<HHI", 257, 4, 1)) if struct.pack(
+        "<HHI", 257, 4, 1
+    ) in data else data.index(struct.pack("<HHI", 257, 3, 1))  # fmt: skip
+    data[at : at + 12] = struct.pack("<HHII", 257, 12, 1, len(data))
+    path.write_bytes(data + struct.pack("<d", 11.5))
+    with pytest.raises(SequenceError, match=r"a\.tif.*(whole numbers|damaged)"):
+        open_sequence(path).read(0)
 
 
 NOT_PICTURES = {

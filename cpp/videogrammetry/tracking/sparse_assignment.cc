@@ -1,0 +1,167 @@
+#include "videogrammetry/tracking/sparse_assignment.h"
+
+#include <algorithm>
+#include <functional>
+#include <limits>
+#include <queue>
+
+namespace videogrammetry {
+namespace {
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+// Columns are the rows of the stage, then one a track: "stays without".
+class Assignment {
+ public:
+  Assignment(int num_tracks, int num_rows, const std::vector<LinkCandidate>& candidates)
+      : rows_(num_rows),
+        begin_(static_cast<std::size_t>(num_tracks) + 1, 0),
+        column_of_(static_cast<std::size_t>(num_tracks), -1),
+        owner_(static_cast<std::size_t>(num_rows + num_tracks), -1),
+        track_potential_(static_cast<std::size_t>(num_tracks), 0.0),
+        potential_(owner_.size(), 0.0),
+        distance_(owner_.size(), kInfinite),
+        from_(owner_.size(), -1),
+        done_(owner_.size(), 0) {
+    for (const LinkCandidate& c : candidates) ++begin_[U(c.track) + 1];
+    for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1] + 1;
+    std::vector<int> fill(begin_.begin(), begin_.end() - 1);
+    edges_.resize(static_cast<std::size_t>(begin_.back()));
+    for (const LinkCandidate& c : candidates) {
+      edges_[U(fill[U(c.track)]++)] = {c.row, -c.log_odds};
+    }
+    for (int i = 0; i < num_tracks; ++i) {
+      edges_[U(fill[U(i)])] = {num_rows + i, 0.0};
+      double least = kInfinite;
+      for (int e = begin_[U(i)]; e < begin_[U(i) + 1]; ++e) least = std::min(least, edges_[U(e)].cost);
+      track_potential_[U(i)] = least;
+    }
+  }
+
+  // Assigns track `i`; columns already taken change hands along the path.
+  void Augment(int i) {
+    const auto [end, length] = ShortestPath(i, -1);
+    for (const int c : visited_) {
+      if (done_[U(c)]) {
+        if (owner_[U(c)] >= 0) track_potential_[U(owner_[U(c)])] += length - distance_[U(c)];
+        potential_[U(c)] += distance_[U(c)] - length;
+      }
+    }
+    track_potential_[U(i)] += length;
+    int column = end;
+    while (column >= 0) {
+      const int track = from_[U(column)];
+      const int next = column_of_[U(track)];
+      owner_[U(column)] = track;
+      column_of_[U(track)] = column;
+      column = track == i ? -1 : next;
+    }
+    Reset();
+  }
+
+  // What the best solution loses without this track's column: a path from the
+  // track to another end, or to the column itself by way of another track.
+  double Margin(int i) {
+    const int column = column_of_[U(i)];
+    const double length = ShortestPath(i, column).second;
+    Reset();
+    return length - potential_[U(column)];  // the edge itself is tight: cost = u + v
+  }
+
+  int row_of(int i) const {
+    const int column = column_of_[U(i)];
+    return column < rows_ ? column : -1;
+  }
+
+  void Coupled(double limit, std::vector<std::pair<int, int>>* pairs) const {
+    for (std::size_t i = 0; i < column_of_.size(); ++i) {
+      for (int e = begin_[i]; e < begin_[i + 1]; ++e) {
+        const int owner = owner_[U(edges_[U(e)].column)];
+        if (owner < 0 || owner == static_cast<int>(i)) continue;
+        if (edges_[U(e)].cost - track_potential_[i] - potential_[U(edges_[U(e)].column)] <= limit) {
+          pairs->emplace_back(static_cast<int>(i), owner);
+        }
+      }
+    }
+  }
+
+ private:
+  struct Edge {
+    int column = 0;
+    double cost = 0.0;
+  };
+  static std::size_t U(int i) { return static_cast<std::size_t>(i); }
+
+  // To a column without an owner, whose potential is 0. The banned column
+  // counts as one, but for the track itself; it has its potential still.
+  std::pair<int, double> ShortestPath(int start, int banned) {
+    using Item = std::pair<double, int>;
+    std::priority_queue<Item, std::vector<Item>, std::greater<>> queue;
+    const auto relax = [&](int track, double base) {
+      for (int e = begin_[U(track)]; e < begin_[U(track) + 1]; ++e) {
+        const int c = edges_[U(e)].column;
+        if (done_[U(c)] || (track == start && c == banned)) continue;
+        const double d = base + edges_[U(e)].cost - track_potential_[U(track)] - potential_[U(c)];
+        if (d >= distance_[U(c)]) continue;
+        if (distance_[U(c)] == kInfinite) visited_.push_back(c);
+        distance_[U(c)] = d;
+        from_[U(c)] = track;
+        queue.emplace(d, c);
+      }
+    };
+    relax(start, 0.0);
+    const double bonus = banned >= 0 ? std::min(potential_[U(banned)], 0.0) : 0.0;
+    double best = kInfinite;
+    int end = -1;
+    while (!queue.empty()) {
+      const auto [d, c] = queue.top();
+      queue.pop();
+      if (d + bonus >= best) break;
+      if (done_[U(c)] || d > distance_[U(c)]) continue;
+      if (owner_[U(c)] < 0 || c == banned) {
+        const double length = c == banned ? d + bonus : d;
+        if (length < best) {
+          best = length;
+          end = c;
+        }
+        continue;
+      }
+      done_[U(c)] = 1;
+      relax(owner_[U(c)], d);
+    }
+    return {end, best};
+  }
+
+  void Reset() {
+    for (const int c : visited_) {
+      distance_[U(c)] = kInfinite;
+      done_[U(c)] = 0;
+    }
+    visited_.clear();
+  }
+
+  int rows_;
+  std::vector<int> begin_, column_of_, owner_;
+  std::vector<Edge> edges_;
+  std::vector<double> track_potential_, potential_, distance_;
+  std::vector<int> from_;
+  std::vector<char> done_;
+  std::vector<int> visited_;
+};
+
+}  // namespace
+
+std::vector<TrackLink> AssignRows(int num_tracks, int num_rows,
+                                  const std::vector<LinkCandidate>& candidates, double coupling,
+                                  std::vector<std::pair<int, int>>* coupled) {
+  Assignment assignment(num_tracks, num_rows, candidates);
+  for (int i = 0; i < num_tracks; ++i) assignment.Augment(i);
+  std::vector<TrackLink> links(static_cast<std::size_t>(num_tracks));
+  for (int i = 0; i < num_tracks; ++i) {
+    links[static_cast<std::size_t>(i)] = {assignment.row_of(i), assignment.Margin(i)};
+  }
+  if (coupled) assignment.Coupled(coupling, coupled);
+  return links;
+}
+
+}  // namespace videogrammetry

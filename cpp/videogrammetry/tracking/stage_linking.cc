@@ -1,0 +1,360 @@
+// The steps that link tracks by motion: tracker.h.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "videogrammetry/tracking/sparse_assignment.h"
+#include "videogrammetry/tracking/tracker_state.h"
+
+namespace videogrammetry {
+namespace {
+
+constexpr int kMostRows = 8;          // candidates of a track
+constexpr double kOwnMotionGood = 0.05;  // of the spacing: no neighbours are asked below
+constexpr double kUnsettledOdds = 3.0;   // least log odds for a point seen once
+constexpr int kMaxRounds = 6;
+constexpr std::size_t kPopulation = 8;
+constexpr double kChanceShare = 0.6;  // of the limit; by chance the median is 2^(-1/3) = 0.79
+
+class Sets {  // of tracks that belong together
+ public:
+  explicit Sets(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0); }
+  int Find(int i) {
+    while (parent_[static_cast<std::size_t>(i)] != i) {
+      int& p = parent_[static_cast<std::size_t>(i)];
+      p = parent_[static_cast<std::size_t>(p)];
+      i = p;
+    }
+    return i;
+  }
+  void Join(int a, int b) {
+    const int x = Find(a), y = Find(b);
+    parent_[static_cast<std::size_t>(std::max(x, y))] = std::min(x, y);
+  }
+
+ private:
+  std::vector<int> parent_;
+};
+
+double Deviation(const MotionState& state) {
+  return std::sqrt(state.cov.topLeftCorner<3, 3>().trace() / 3.0);
+}
+
+bool Loose(const Track& track) { return track.row < 0 && track.group < 0 && !track.dead; }
+
+// Rows that the groups could have, and single tracks that could have them too,
+// become one group each.
+class Grouping {
+ public:
+  explicit Grouping(TrackerState& s) : s_(s) {}
+
+  void Form(const std::vector<int>& singles, const std::vector<LinkCandidate>& candidates) {
+    if (s_.groups.empty()) return;
+    Sets sets(s_.groups.size() + singles.size());
+    std::vector<int> first(s_.rows.size(), -1);  // set of a row's first claimant
+    for (std::size_t g = 0; g < s_.groups.size(); ++g) {
+      for (const int row : s_.groups[g].PossibleRows(s_)) Claim(static_cast<int>(g), row, &first, &sets);
+    }
+    const std::vector<int> of_groups = first;
+    std::vector<char> near(singles.size(), 0);
+    for (const LinkCandidate& c : candidates) {
+      if (of_groups[static_cast<std::size_t>(c.row)] < 0) continue;
+      Claim(static_cast<int>(s_.groups.size()) + c.track, c.row, &first, &sets);
+      near[static_cast<std::size_t>(c.track)] = 1;
+    }
+    Collect(singles, near, &sets);
+  }
+
+ private:
+  void Claim(int who, int row, std::vector<int>* first, Sets* sets) {
+    int& f = (*first)[static_cast<std::size_t>(row)];
+    if (f < 0) {
+      f = who;
+    } else {
+      sets->Join(who, f);
+    }
+  }
+
+  void Collect(const std::vector<int>& singles, const std::vector<char>& near, Sets* sets) {
+    const std::size_t n = s_.groups.size();
+    std::map<int, std::vector<int>> parts;
+    for (std::size_t i = 0; i < n + singles.size(); ++i) {
+      if (i < n || near[i - n]) parts[sets->Find(static_cast<int>(i))].push_back(static_cast<int>(i));
+    }
+    std::vector<HypothesisGroup> joined;
+    for (const auto& [root, part] : parts) {
+      std::size_t size = 0;
+      for (const int i : part) {
+        size += static_cast<std::size_t>(i) < n ? s_.groups[static_cast<std::size_t>(i)].members.size() : 1;
+      }
+      if (size > HypothesisGroup::kMostMembers) {  // too many to follow all: the best is taken
+        for (const int i : part) {
+          if (static_cast<std::size_t>(i) < n) s_.groups[static_cast<std::size_t>(i)].Release(s_);
+        }
+        continue;
+      }
+      HypothesisGroup group;
+      for (const int i : part) {
+        const auto u = static_cast<std::size_t>(i);
+        const HypothesisGroup next =
+            u < n ? s_.groups[u] : HypothesisGroup::Of(s_, singles[u - n]);
+        group = group.members.empty() ? next : HypothesisGroup::Join(group, next);
+      }
+      joined.push_back(std::move(group));
+    }
+    s_.groups = std::move(joined);
+  }
+
+  TrackerState& s_;
+};
+
+void StepGroups(TrackerState& s) {
+  for (std::size_t g = 0; g < s.groups.size(); ++g) {
+    HypothesisGroup& group = s.groups[g];
+    for (const int t : group.members) s.track(t).group = static_cast<int>(g);
+    group.Step(s);
+    group.Publish(s);
+  }
+}
+
+// Candidate links of tracks that nobody has linked; `loose` says which tracks.
+std::vector<LinkCandidate> FindCandidates(TrackerState& s, const std::vector<int>& loose) {
+  std::vector<LinkCandidate> candidates;
+  std::vector<int> rows;
+  for (std::size_t i = 0; i < loose.size(); ++i) {
+    const MotionState& predicted = s.track(loose[i]).predicted;
+    s.Candidates(predicted, kMostRows, &rows);
+    for (const int row : rows) {
+      if (s.rows.track[static_cast<std::size_t>(row)] >= 0) continue;
+      const double odds = s.LogOdds(predicted, static_cast<std::size_t>(row));
+      if (odds > 0) candidates.push_back({static_cast<int>(i), row, odds});
+    }
+  }
+  return candidates;
+}
+
+std::vector<int> Predicted(TrackerState& s) {
+  std::vector<int> loose;
+  for (const int t : s.active) {
+    const Track& track = s.track(t);
+    if (Loose(track) && (track.settled || track.informed || !track.own_motion)) loose.push_back(t);
+  }
+  return loose;
+}
+
+// Tracks of one set of the coupled pairs, where a link of theirs is not sure.
+std::vector<std::vector<int>> Unsure(TrackerState& s, const std::vector<int>& loose,
+                                     const std::vector<TrackLink>& links,
+                                     const std::vector<std::pair<int, int>>& coupled) {
+  std::vector<std::vector<int>> unsure;
+  Sets sets(loose.size());
+  for (const auto& [a, b] : coupled) sets.Join(a, b);
+  std::map<int, std::vector<int>> parts;
+  for (std::size_t i = 0; i < loose.size(); ++i) {
+    if (links[i].margin < s.options.min_log_odds) parts[sets.Find(static_cast<int>(i))];
+  }
+  if (parts.empty()) return unsure;
+  for (std::size_t i = 0; i < loose.size(); ++i) {
+    if (const auto found = parts.find(sets.Find(static_cast<int>(i))); found != parts.end()) {
+      found->second.push_back(static_cast<int>(i));
+    }
+  }
+  for (const auto& [root, part] : parts) {
+    const bool follow = part.size() <= HypothesisGroup::kMostMembers &&
+                        std::any_of(part.begin(), part.end(), [&](int i) {
+                          return s.track(loose[static_cast<std::size_t>(i)]).settled;
+                        }) &&
+                        std::all_of(part.begin(), part.end(), [&](int i) {
+                          return s.track(loose[static_cast<std::size_t>(i)]).own_motion;
+                        });
+    if (follow) unsure.push_back(part);
+  }
+  return unsure;
+}
+
+void OpenGroup(TrackerState& s, const std::vector<int>& tracks) {
+  HypothesisGroup group;
+  for (const int t : tracks) {
+    const HypothesisGroup one = HypothesisGroup::Of(s, t);
+    group = group.members.empty() ? one : HypothesisGroup::Join(group, one);
+    s.track(t).group = static_cast<int>(s.groups.size());
+  }
+  group.Step(s);
+  group.Publish(s);
+  s.groups.push_back(std::move(group));
+}
+
+// A place that a loose track is expected at and how far from it it may be.
+struct Expected {
+  int track = 0;
+  Eigen::Vector3d place_mm = Eigen::Vector3d::Zero();
+  double limit_mm = 0.0;
+  bool guessed = false;  // a point seen once, by nothing but its place
+};
+
+std::vector<Expected> Expect(TrackerState& s) {
+  std::vector<Expected> expected;
+  BodyMotions bodies(s);
+  for (const int t : s.active) {
+    const Track& track = s.track(t);
+    if (!Loose(track)) continue;
+    bool rigid = false;
+    Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
+    if (const auto place = bodies.Move(track, &rigid)) {
+      e.place_mm = place->position_mm;
+      const double noise = rigid ? s.rows.largest_variance_mm2 : 0.0;
+      e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place->variance_mm2 + noise));
+    } else {
+      e.guessed = !track.settled;
+      if (track.settled && track.last_seen < s.stage - 1) {
+        e.limit_mm = 2.0 * s.options.gate_sigma * Deviation(track.predicted) +
+                     2.5 * track.state.velocity_mm().norm();
+      }
+    }
+    expected.push_back(e);
+  }
+  std::vector<Eigen::Vector3d> places;
+  for (const Expected& e : expected) places.push_back(e.place_mm);
+  const PointIndex index(places);
+  for (Expected& e : expected) {
+    // The second nearest of either cloud is the nearest point that it could be taken for.
+    const double spacing = std::min(s.rows.index.Distance(e.place_mm, 2), index.Distance(e.place_mm, 2));
+    e.limit_mm = std::min(e.limit_mm, s.options.max_share_of_spacing * spacing);
+  }
+  return expected;
+}
+
+// Whether points seen once lie no nearer to rows than chance has it.
+bool ByChance(TrackerState& s, const std::vector<Expected>& expected) {
+  std::vector<double> share;
+  for (const Expected& e : expected) {
+    const double d = e.guessed ? s.rows.index.Distance(e.place_mm, 1) : 2.0 * e.limit_mm;
+    if (d <= e.limit_mm) share.push_back(d / e.limit_mm);
+  }
+  if (share.size() < kPopulation) return false;
+  std::nth_element(share.begin(), share.begin() + std::ssize(share) / 2, share.end());
+  return share[share.size() / 2] > kChanceShare;
+}
+
+bool LinkExpected(TrackerState& s, const std::vector<Expected>& expected, bool with_guessed) {
+  std::vector<LinkCandidate> candidates;
+  std::vector<PointIndex::Neighbour> found;
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    const Expected& e = expected[i];
+    if (e.guessed && !with_guessed) continue;
+    s.rows.index.Nearest(e.place_mm, kMostRows, e.limit_mm, &found);
+    for (const auto& f : found) {
+      if (s.rows.track[static_cast<std::size_t>(f.index)] >= 0) continue;
+      // As many as possible, and those near.
+      const double share = std::isinf(e.limit_mm) ? 0.0 : std::sqrt(f.distance2) / e.limit_mm;
+      candidates.push_back({static_cast<int>(i), f.index, 10.0 - share});
+    }
+  }
+  const auto links = AssignRows(static_cast<int>(expected.size()), static_cast<int>(s.rows.size()),
+                                candidates, 0.0, nullptr);
+  bool any = false;
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    if (links[i].row < 0) continue;
+    const auto row = static_cast<std::size_t>(links[i].row);
+    const double share = std::isinf(expected[i].limit_mm)
+                             ? 0.0
+                             : (s.rows.position_mm[row] - expected[i].place_mm).norm() /
+                                   expected[i].limit_mm * s.options.max_share_of_spacing;
+    // Another point is a spacing away at least; the limit taken for two deviations.
+    const double deviation = 0.5 * s.options.max_share_of_spacing;
+    s.Give(expected[i].track, links[i].row,
+           (std::pow(1.0 - share, 2) - share * share) / (2.0 * deviation * deviation));
+    any = true;
+  }
+  return any;
+}
+
+}  // namespace
+
+std::optional<NeighbourMotion::Place> BodyMotions::Move(const Track& track, bool* rigid) {
+  // Beyond the memory the state stands for the point, carried from stage to stage.
+  const Track::Position* last = track.At(track.last_seen);
+  const int from = last ? track.last_seen : s_.stage - 1;
+  auto [entry, fresh] = from_.try_emplace(from);
+  if (fresh) {
+    std::vector<Eigen::Vector3d> before, after;
+    std::vector<double> variance;
+    for (const int t : s_.active) {
+      const Track& other = s_.track(t);
+      const Track::Position* p = other.row >= 0 ? other.At(from) : nullptr;
+      if (!p) continue;
+      const auto row = static_cast<std::size_t>(other.row);
+      before.push_back(p->position_mm);
+      after.push_back(s_.rows.position_mm[row]);
+      variance.push_back(p->variance_mm2 + s_.rows.variance_mm2[row]);
+    }
+    if (std::ssize(before) >= NeighbourMotion::kLeastPoints) {
+      std::nth_element(variance.begin(), variance.begin() + std::ssize(variance) / 2, variance.end());
+      entry->second.emplace(std::move(before), std::move(after),
+                            std::sqrt(variance[variance.size() / 2]), s_.options.neighbours);
+    }
+  }
+  if (!entry->second) return std::nullopt;
+  *rigid = entry->second->rigid();
+  NeighbourMotion::Place place =
+      entry->second->Move(last ? last->position_mm : track.state.position_mm());
+  place.variance_mm2 += last ? last->variance_mm2 : std::pow(Deviation(track.state), 2);
+  return place;
+}
+
+void PredictByNeighbours(TrackerState& s) {
+  int coded = 0;
+  for (const int t : s.active) coded += s.track(t).row >= 0;
+  if (coded < NeighbourMotion::kLeastPoints) return;
+  BodyMotions bodies(s);
+  for (const int t : s.active) {
+    Track& track = s.track(t);
+    if (!Loose(track) || Deviation(track.predicted) < kOwnMotionGood * s.spacing_mm) continue;
+    bool rigid = false;
+    const auto place = bodies.Move(track, &rigid);
+    if (!place || !(place->variance_mm2 < std::pow(Deviation(track.predicted), 2))) continue;
+    s.Carry(track, *place);
+    track.own_motion = false;
+  }
+}
+
+void LinkByMotion(TrackerState& s) {
+  std::vector<int> loose = Predicted(s);
+  std::vector<LinkCandidate> candidates = FindCandidates(s, loose);
+  if (!s.groups.empty()) {
+    Grouping(s).Form(loose, candidates);
+    StepGroups(s);
+    loose = Predicted(s);
+    candidates = FindCandidates(s, loose);
+  }
+  std::vector<std::pair<int, int>> coupled;
+  const auto links = AssignRows(static_cast<int>(loose.size()), static_cast<int>(s.rows.size()),
+                                candidates, s.options.min_log_odds, &coupled);
+  std::vector<std::vector<int>> unsure;
+  if (s.options.window_stages > 0) unsure = Unsure(s, loose, links, coupled);
+  std::vector<char> grouped(loose.size(), 0);
+  for (std::vector<int>& part : unsure) {
+    for (int& i : part) {
+      grouped[static_cast<std::size_t>(i)] = 1;
+      i = loose[static_cast<std::size_t>(i)];
+    }
+  }
+  // Sure links first, so that groups do not reach for their rows.
+  for (std::size_t i = 0; i < loose.size(); ++i) {
+    if (grouped[i] || links[i].row < 0) continue;
+    if (!s.track(loose[i]).settled && links[i].margin < kUnsettledOdds) continue;
+    s.Give(loose[i], links[i].row, links[i].margin);
+  }
+  for (const std::vector<int>& part : unsure) OpenGroup(s, part);
+}
+
+void LinkByNeighbours(TrackerState& s) {
+  for (int round = 0; round < kMaxRounds; ++round) {
+    if (std::find(s.rows.track.begin(), s.rows.track.end(), -1) == s.rows.track.end()) return;
+    const std::vector<Expected> expected = Expect(s);
+    if (expected.empty() || !LinkExpected(s, expected, !ByChance(s, expected))) return;
+  }
+}
+
+}  // namespace videogrammetry

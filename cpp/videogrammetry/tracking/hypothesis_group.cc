@@ -162,14 +162,16 @@ HypothesisGroup HypothesisGroup::Join(const HypothesisGroup& a, const Hypothesis
 
 std::vector<int> HypothesisGroup::PossibleRows(const TrackerState& s) const {
   std::vector<int> rows, found;
-  const MotionModel model = s.statistics.model();
   for (const World& world : worlds) {
     for (std::size_t m = 0; m < members.size(); ++m) {
       if (!world.alive[m]) continue;
-      const MotionState predicted = Predict(world.state[m], model);
+      const MotionState predicted =
+          Predict(world.state[m], s.ModelOf(s.tracks[static_cast<std::size_t>(members[m])]));
       s.Candidates(predicted, 2 * kMostRows, &found);
       for (const int row : found) {
-        if (s.LogOdds(predicted, static_cast<std::size_t>(row)) > 0) rows.push_back(row);
+        if (s.rows.IsOpen(row) && s.LogOdds(predicted, static_cast<std::size_t>(row)) > 0) {
+          rows.push_back(row);
+        }
       }
     }
   }
@@ -179,7 +181,6 @@ std::vector<int> HypothesisGroup::PossibleRows(const TrackerState& s) const {
 }
 
 void HypothesisGroup::Step(TrackerState& s) {
-  const MotionModel model = s.statistics.model();
   std::vector<std::vector<MotionState>> predicted(worlds.size());
   std::vector<Continuation> found;
   std::vector<int> rows;
@@ -187,7 +188,7 @@ void HypothesisGroup::Step(TrackerState& s) {
   for (std::size_t w = 0; w < worlds.size(); ++w) {
     std::vector<std::vector<Choice>> choices(members.size());
     for (std::size_t m = 0; m < members.size(); ++m) {
-      predicted[w].push_back(Predict(worlds[w].state[m], model));
+      predicted[w].push_back(Predict(worlds[w].state[m], s.ModelOf(s.track(members[m]))));
       if (!worlds[w].alive[m]) continue;
       if (const int row = s.track(members[m]).row; row >= 0) {
         const double odds = s.LogOdds(predicted[w][m], static_cast<std::size_t>(row));
@@ -196,7 +197,7 @@ void HypothesisGroup::Step(TrackerState& s) {
       }
       s.Candidates(predicted[w][m], 2 * kMostRows, &rows);
       for (const int row : rows) {
-        if (s.rows.track[static_cast<std::size_t>(row)] >= 0) continue;
+        if (!s.rows.IsOpen(row)) continue;
         const double odds = s.LogOdds(predicted[w][m], static_cast<std::size_t>(row));
         if (odds > 0) choices[m].push_back({row, odds});
       }

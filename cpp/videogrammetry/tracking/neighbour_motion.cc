@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kRigidWithin = 5.0;  // standard deviations of the points' noise
 constexpr int kReach = 4;             // times the neighbours have a part in a local motion
+constexpr std::size_t kEnoughToTell = 64;  // points that show a motion not to be rigid
 constexpr int kLeftOut = 24;          // points that are left out one by one
 
 }  // namespace
@@ -48,8 +49,7 @@ NeighbourMotion::NeighbourMotion(std::vector<Eigen::Vector3d> before_mm,
       after_(std::move(after_mm)),
       noise_mm_(noise_mm),
       neighbours_(neighbours) {
-  const std::vector<double> weight(before_.size(), 1.0);
-  const FittedMotion fit = FitMotion(after_, before_, weight);
+  const FittedMotion fit = FitAll();
   rigid_ = fit.rms_mm < kRigidWithin * noise_mm;
   if (rigid_) {
     motion_ = fit.motion;
@@ -61,6 +61,25 @@ NeighbourMotion::NeighbourMotion(std::vector<Eigen::Vector3d> before_mm,
     return;
   }
   index_ = PointIndex(before_);
+}
+
+FittedMotion NeighbourMotion::FitAll() const {
+  const std::vector<double> weight(before_.size(), 1.0);
+  const std::size_t step = before_.size() / kEnoughToTell;
+  if (step >= 2) {
+    std::vector<Eigen::Vector3d> before, after;
+    for (std::size_t i = 0; i < before_.size(); i += step) {
+      before.push_back(before_[i]);
+      after.push_back(after_[i]);
+    }
+    const FittedMotion some =
+        FitMotion(after, before, std::span(weight).first(before.size()));
+    if (some.rms_mm > 2.0 * kRigidWithin * noise_mm_) return some;
+  }
+  return FitMotion(after_, before_, weight);
+}
+
+double NeighbourMotion::LeaveOut() const {
   const int step = std::max<int>(1, static_cast<int>(before_.size()) / kLeftOut);
   double squares = 0.0;
   int count = 0;
@@ -68,11 +87,14 @@ NeighbourMotion::NeighbourMotion(std::vector<Eigen::Vector3d> before_mm,
     const auto u = static_cast<std::size_t>(i);
     squares += (after_[u] - MoveLocally(before_[u], i)).squaredNorm() / 3.0;
   }
-  variance_ = squares / count;
+  return squares / count;
 }
 
 NeighbourMotion::Place NeighbourMotion::Move(const Eigen::Vector3d& before_mm) const {
-  if (!rigid_) return {MoveLocally(before_mm, -1), variance_};
+  if (!rigid_) {
+    if (variance_ < 0) variance_ = LeaveOut();  // many are asked for rigid motion only
+    return {MoveLocally(before_mm, -1), variance_};
+  }
   // Variance of a translation and of a turn about the points' mean.
   const double off2 = (before_mm - mean_).squaredNorm();
   const double n = static_cast<double>(before_.size());

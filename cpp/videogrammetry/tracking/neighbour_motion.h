@@ -43,6 +43,8 @@ class NeighbourMotion {
   Place Move(const Eigen::Vector3d& before_mm) const;
 
  private:
+  FittedMotion FitAll() const;
+  double LeaveOut() const;
   Eigen::Vector3d MoveLocally(const Eigen::Vector3d& before_mm, int left_out) const;
 
   std::vector<Eigen::Vector3d> before_, after_;
@@ -51,7 +53,8 @@ class NeighbourMotion {
   bool rigid_ = false;
   Rigid3 motion_;
   Eigen::Vector3d mean_ = Eigen::Vector3d::Zero();
-  double spread2_ = 0.0, variance_ = 0.0;
+  double spread2_ = 0.0;
+  mutable double variance_ = -1.0;  // < 0: not known yet
   PointIndex index_;
 };
 

@@ -75,6 +75,7 @@ class Assignment {
 
   void Coupled(double limit, std::vector<std::pair<int, int>>* pairs) const {
     for (std::size_t i = 0; i < column_of_.size(); ++i) {
+      if (column_of_[i] < 0) continue;
       for (int e = begin_[i]; e < begin_[i + 1]; ++e) {
         const int owner = owner_[U(edges_[U(e)].column)];
         if (owner < 0 || owner == static_cast<int>(i)) continue;
@@ -154,11 +155,31 @@ class Assignment {
 std::vector<TrackLink> AssignRows(int num_tracks, int num_rows,
                                   const std::vector<LinkCandidate>& candidates, double coupling,
                                   std::vector<std::pair<int, int>>* coupled) {
-  Assignment assignment(num_tracks, num_rows, candidates);
-  for (int i = 0; i < num_tracks; ++i) assignment.Augment(i);
+  // Most tracks and rows have each other alone.
   std::vector<TrackLink> links(static_cast<std::size_t>(num_tracks));
-  for (int i = 0; i < num_tracks; ++i) {
-    links[static_cast<std::size_t>(i)] = {assignment.row_of(i), assignment.Margin(i)};
+  std::vector<int> of_track(links.size(), 0), of_row(static_cast<std::size_t>(num_rows), 0);
+  for (const LinkCandidate& c : candidates) {
+    ++of_track[static_cast<std::size_t>(c.track)];
+    ++of_row[static_cast<std::size_t>(c.row)];
+  }
+  std::vector<LinkCandidate> shared;
+  for (const LinkCandidate& c : candidates) {
+    const auto t = static_cast<std::size_t>(c.track);
+    if (of_track[t] == 1 && of_row[static_cast<std::size_t>(c.row)] == 1) {
+      links[t] = {c.row, c.log_odds};
+      of_track[t] = 0;
+    } else {
+      shared.push_back(c);
+    }
+  }
+  Assignment assignment(num_tracks, num_rows, shared);
+  for (std::size_t t = 0; t < links.size(); ++t) {
+    if (of_track[t] > 0) assignment.Augment(static_cast<int>(t));
+  }
+  for (std::size_t t = 0; t < links.size(); ++t) {
+    if (of_track[t] == 0) continue;
+    const int i = static_cast<int>(t);
+    links[t] = {assignment.row_of(i), assignment.Margin(i)};
   }
   if (coupled) assignment.Coupled(coupling, coupled);
   return links;

@@ -1,5 +1,6 @@
 // The steps that link tracks by motion: tracker.h.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -14,6 +15,7 @@ constexpr int kMostRows = 8;          // candidates of a track
 constexpr double kOwnMotionGood = 0.05;  // of the spacing: no neighbours are asked below
 constexpr double kUnsettledOdds = 3.0;   // least log odds for a point seen once
 constexpr int kMaxRounds = 6;
+constexpr double kFarOff = 3.0;  // spacings that bending may differ from a point's own motion
 constexpr std::size_t kPopulation = 8;
 constexpr double kChanceShare = 0.6;  // of the limit; by chance the median is 2^(-1/3) = 0.79
 
@@ -126,7 +128,7 @@ std::vector<LinkCandidate> FindCandidates(TrackerState& s, const std::vector<int
     const MotionState& predicted = s.track(loose[i]).predicted;
     s.Candidates(predicted, kMostRows, &rows);
     for (const int row : rows) {
-      if (s.rows.track[static_cast<std::size_t>(row)] >= 0) continue;
+      if (!s.rows.IsOpen(row)) continue;
       const double odds = s.LogOdds(predicted, static_cast<std::size_t>(row));
       if (odds > 0) candidates.push_back({static_cast<int>(i), row, odds});
     }
@@ -193,24 +195,29 @@ struct Expected {
   bool guessed = false;  // a point seen once, by nothing but its place
 };
 
-std::vector<Expected> Expect(TrackerState& s) {
+std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
   std::vector<Expected> expected;
   BodyMotions bodies(s);
   for (const int t : s.active) {
     const Track& track = s.track(t);
     if (!Loose(track)) continue;
-    bool rigid = false;
     Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
-    if (const auto place = bodies.Move(track, &rigid)) {
-      e.place_mm = place->position_mm;
-      const double noise = rigid ? s.rows.largest_variance_mm2 : 0.0;
-      e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place->variance_mm2 + noise));
+    if (const NeighbourMotion* motion = bodies.Since(track)) {
+      // Bending is worked out for those alone that could have a row.
+      if (!motion->rigid() && track.settled &&
+          open.Distance(e.place_mm, 1) > kFarOff * s.spacing_mm) {
+        continue;
+      }
+      const NeighbourMotion::Place place = bodies.Move(*motion, track);
+      e.place_mm = place.position_mm;
+      const double noise = motion->rigid() ? s.rows.largest_variance_mm2 : 0.0;
+      e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place.variance_mm2 + noise));
     } else {
       e.guessed = !track.settled;
-      if (track.settled && track.last_seen < s.stage - 1) {
-        e.limit_mm = 2.0 * s.options.gate_sigma * Deviation(track.predicted) +
-                     2.5 * track.state.velocity_mm().norm();
-      }
+    }
+    if (track.settled && track.own_motion && track.last_seen < s.stage - 1) {
+      // Blows are taken for possible while a point is watched, not behind a gap.
+      e.limit_mm = std::min(e.limit_mm, 2.0 * s.options.gate_sigma * Deviation(track.predicted));
     }
     expected.push_back(e);
   }
@@ -227,14 +234,27 @@ std::vector<Expected> Expect(TrackerState& s) {
 
 // Whether points seen once lie no nearer to rows than chance has it.
 bool ByChance(TrackerState& s, const std::vector<Expected>& expected) {
-  std::vector<double> share;
+  const auto median = [](std::vector<double> values) {
+    std::nth_element(values.begin(), values.begin() + std::ssize(values) / 2, values.end());
+    return values[values.size() / 2];
+  };
+  std::vector<Eigen::Vector3d> steps;
+  std::vector<double> limits, share;
+  std::array<std::vector<double>, 3> each;
+  std::vector<PointIndex::Neighbour> found;
   for (const Expected& e : expected) {
-    const double d = e.guessed ? s.rows.index.Distance(e.place_mm, 1) : 2.0 * e.limit_mm;
-    if (d <= e.limit_mm) share.push_back(d / e.limit_mm);
+    if (!e.guessed) continue;
+    s.rows.index.Nearest(e.place_mm, 1, e.limit_mm, &found);
+    if (found.empty()) continue;
+    steps.push_back(s.rows.position_mm[static_cast<std::size_t>(found[0].index)] - e.place_mm);
+    limits.push_back(e.limit_mm);
+    for (int k = 0; k < 3; ++k) each[static_cast<std::size_t>(k)].push_back(steps.back()[k]);
   }
-  if (share.size() < kPopulation) return false;
-  std::nth_element(share.begin(), share.begin() + std::ssize(share) / 2, share.end());
-  return share[share.size() / 2] > kChanceShare;
+  if (steps.size() < kPopulation) return false;
+  // What all have in common is no chance.
+  const Eigen::Vector3d common(median(each[0]), median(each[1]), median(each[2]));
+  for (std::size_t i = 0; i < steps.size(); ++i) share.push_back((steps[i] - common).norm() / limits[i]);
+  return median(share) > kChanceShare;
 }
 
 bool LinkExpected(TrackerState& s, const std::vector<Expected>& expected, bool with_guessed) {
@@ -245,7 +265,7 @@ bool LinkExpected(TrackerState& s, const std::vector<Expected>& expected, bool w
     if (e.guessed && !with_guessed) continue;
     s.rows.index.Nearest(e.place_mm, kMostRows, e.limit_mm, &found);
     for (const auto& f : found) {
-      if (s.rows.track[static_cast<std::size_t>(f.index)] >= 0) continue;
+      if (!s.rows.IsOpen(f.index)) continue;
       // As many as possible, and those near.
       const double share = std::isinf(e.limit_mm) ? 0.0 : std::sqrt(f.distance2) / e.limit_mm;
       candidates.push_back({static_cast<int>(i), f.index, 10.0 - share});
@@ -272,7 +292,7 @@ bool LinkExpected(TrackerState& s, const std::vector<Expected>& expected, bool w
 
 }  // namespace
 
-std::optional<NeighbourMotion::Place> BodyMotions::Move(const Track& track, bool* rigid) {
+const NeighbourMotion* BodyMotions::Since(const Track& track) {
   // Beyond the memory the state stands for the point, carried from stage to stage.
   const Track::Position* last = track.At(track.last_seen);
   const int from = last ? track.last_seen : s_.stage - 1;
@@ -295,10 +315,12 @@ std::optional<NeighbourMotion::Place> BodyMotions::Move(const Track& track, bool
                             std::sqrt(variance[variance.size() / 2]), s_.options.neighbours);
     }
   }
-  if (!entry->second) return std::nullopt;
-  *rigid = entry->second->rigid();
-  NeighbourMotion::Place place =
-      entry->second->Move(last ? last->position_mm : track.state.position_mm());
+  return entry->second ? &*entry->second : nullptr;
+}
+
+NeighbourMotion::Place BodyMotions::Move(const NeighbourMotion& motion, const Track& track) const {
+  const Track::Position* last = track.At(track.last_seen);
+  NeighbourMotion::Place place = motion.Move(last ? last->position_mm : track.state.position_mm());
   place.variance_mm2 += last ? last->variance_mm2 : std::pow(Deviation(track.state), 2);
   return place;
 }
@@ -311,10 +333,11 @@ void PredictByNeighbours(TrackerState& s) {
   for (const int t : s.active) {
     Track& track = s.track(t);
     if (!Loose(track) || Deviation(track.predicted) < kOwnMotionGood * s.spacing_mm) continue;
-    bool rigid = false;
-    const auto place = bodies.Move(track, &rigid);
-    if (!place || !(place->variance_mm2 < std::pow(Deviation(track.predicted), 2))) continue;
-    s.Carry(track, *place);
+    const NeighbourMotion* motion = bodies.Since(track);
+    if (!motion) continue;
+    const NeighbourMotion::Place place = bodies.Move(*motion, track);
+    if (!(place.variance_mm2 < std::pow(Deviation(track.predicted), 2))) continue;
+    s.Carry(track, place);
     track.own_motion = false;
   }
 }
@@ -351,8 +374,12 @@ void LinkByMotion(TrackerState& s) {
 
 void LinkByNeighbours(TrackerState& s) {
   for (int round = 0; round < kMaxRounds; ++round) {
-    if (std::find(s.rows.track.begin(), s.rows.track.end(), -1) == s.rows.track.end()) return;
-    const std::vector<Expected> expected = Expect(s);
+    std::vector<Eigen::Vector3d> open;
+    for (std::size_t r = 0; r < s.rows.size(); ++r) {
+      if (s.rows.IsOpen(static_cast<int>(r))) open.push_back(s.rows.position_mm[r]);
+    }
+    if (open.empty()) return;
+    const std::vector<Expected> expected = Expect(s, PointIndex(open));
     if (expected.empty() || !LinkExpected(s, expected, !ByChance(s, expected))) return;
   }
 }

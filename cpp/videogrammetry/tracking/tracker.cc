@@ -17,6 +17,8 @@ constexpr double kForget = 0.05;            // of the shares, a stage
 constexpr double kFirstAcceleration = 0.1;  // of the spacing, until points have shown theirs
 constexpr double kUnknown = 1e4;            // velocity of a point seen once, in spacings or 1 mm
 constexpr int kLeastAround = 4;             // settled points that tell a new one's velocity
+constexpr double kScaleGain = 0.1;          // of a track's process noise, by its misses
+constexpr double kLargestScale = 4.6;       // log 100
 constexpr double kCodeOdds = std::numeric_limits<double>::infinity();
 constexpr double kNoLink = std::numeric_limits<double>::quiet_NaN();
 
@@ -73,7 +75,9 @@ void TakeRows(TrackerState& s, std::span<const int> id,
   rows.index = PointIndex(rows.position_mm);
   // A code at two places was not read right at one of them at least.
   std::unordered_map<int, int> count;
-  for (const int i : id) ++count[i];
+  for (const int i : id) {
+    if (i >= 0) ++count[i];
+  }
   for (int& i : rows.id) {
     if (i >= 0 && count[i] > 1) i = -1;
   }
@@ -125,7 +129,7 @@ void Filter(TrackerState& s, Track& track) {
   const Eigen::Vector3d& z = s.rows.position_mm[row];
   const Eigen::Matrix3d& cov = s.rows.cov_mm2[row];
   const MotionModel model = s.statistics.model();
-  MotionState predicted = track.predicted;
+  const MotionState& predicted = track.predicted;
   const double d2 =
       Compare(z - predicted.position_mm(), predicted.position_cov_mm2() + cov).distance2;
   const Track::Position* last = track.At(track.last_seen);
@@ -138,6 +142,11 @@ void Filter(TrackerState& s, Track& track) {
     track.state.cov.block<3, 3>(0, 3) = cov / gap;
     track.state.cov.block<3, 3>(3, 0) = cov / gap;
     return;
+  }
+  // Points differ in how evenly they move: the covariance is led to what its misses show.
+  if (track.settled && track.own_motion) {
+    track.log_scale = std::clamp(track.log_scale + kScaleGain * (std::min(d2, 27.0) / 3.0 - 1.0),
+                                 -kLargestScale, kLargestScale);
   }
   track.state = Update(predicted, z, cov);
 }
@@ -166,9 +175,11 @@ void FinishTracks(TrackerState& s) {
     // A point that is not seen goes with the body, if that tells more than its own motion.
     const double own = track.predicted.position_cov_mm2().trace() / 3.0;
     if (track.own_motion && own > 4.0 * s.rows.largest_variance_mm2) {
-      bool rigid = false;
-      const auto place = bodies.Move(track, &rigid);
-      if (place && rigid && place->variance_mm2 < own) s.Carry(track, *place);
+      const NeighbourMotion* motion = bodies.Since(track);
+      if (motion && motion->rigid()) {
+        const NeighbourMotion::Place place = bodies.Move(*motion, track);
+        if (place.variance_mm2 < own) s.Carry(track, place);
+      }
     }
     track.state = track.predicted;
     const int gap = s.stage - track.last_seen;
@@ -274,6 +285,12 @@ void Emit(TrackerState& s) {
 
 }  // namespace
 
+MotionModel TrackerState::ModelOf(const Track& t) const {
+  MotionModel model = statistics.model();
+  model.acceleration_var *= std::exp(t.log_scale);
+  return model;
+}
+
 int TrackerState::NewTrack(int number) {
   int t = static_cast<int>(tracks.size());
   if (unused.empty()) {
@@ -355,8 +372,9 @@ void NameByCode(TrackerState& s) {
   std::vector<double> reach;
   for (const int t : loose) {
     const Track& track = s.track(t);
-    bool rigid = false;
-    const auto place = bodies.Move(track, &rigid);
+    const NeighbourMotion* motion = bodies.Since(track);
+    std::optional<NeighbourMotion::Place> place;
+    if (motion) place = bodies.Move(*motion, track);
     loose_places.push_back(place ? place->position_mm : track.predicted.position_mm());
     const double variance = place ? place->variance_mm2
                                   : track.predicted.position_cov_mm2().trace() / 3.0;
@@ -423,7 +441,7 @@ StageLinks Tracker::Add(std::span<const int> id, std::span<const Eigen::Vector3d
   LearnSpacing(s);
   for (const int t : s.active) {
     Track& track = s.track(t);
-    track.predicted = Predict(track.state, s.statistics.model());
+    track.predicted = Predict(track.state, s.ModelOf(track));
     track.own_motion = true;
     track.row = -1;
     track.seen <<= 1;

@@ -31,6 +31,7 @@ struct Track {
   bool informed = false;  // its velocity is guessed from the points around it
   bool dead = false;
   int group = -1;
+  double log_scale = 0.0;  // of the process noise against that of all points
   int row = -1;  // at the stage that is being linked
   double log_odds = 0.0;
   std::uint64_t seen = 0;  // bit k: seen k stages ago
@@ -62,6 +63,11 @@ struct StageRows {
   double largest_variance_mm2 = 0.0;
 
   std::size_t size() const { return id.size(); }
+  /// Neither linked nor coded: codes are linked by their number alone.
+  bool IsOpen(int row) const {
+    const auto r = static_cast<std::size_t>(row);
+    return track[r] < 0 && id[r] < 0;
+  }
 };
 
 struct TrackerState {
@@ -85,6 +91,7 @@ struct TrackerState {
   StageRows rows;
   StageLinks out;
 
+  MotionModel ModelOf(const Track& t) const;
   Track& track(int i) { return tracks[static_cast<std::size_t>(i)]; }
   int NewTrack(int number);
   void Give(int t, int row, double log_odds);  // links a row to a track, without an update
@@ -103,8 +110,10 @@ struct TrackerState {
 class BodyMotions {
  public:
   explicit BodyMotions(TrackerState& s) : s_(s) {}
-  /// Where the points identified in both stages put the track; none if they are too few.
-  std::optional<NeighbourMotion::Place> Move(const Track& track, bool* rigid);
+  /// The motion since the track was seen last; null if too few are identified at both stages.
+  const NeighbourMotion* Since(const Track& track);
+  /// Where that puts the track.
+  NeighbourMotion::Place Move(const NeighbourMotion& motion, const Track& track) const;
 
  private:
   TrackerState& s_;

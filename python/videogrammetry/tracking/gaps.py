@@ -68,7 +68,7 @@ def fill_gaps(
     ...     camera_names=("a", "b"),
     ... )
     >>> filled, mask = fill_gaps(t)
-    >>> filled.position_mm[2, 0].round(6).tolist(), mask[:, 0].tolist()
+    >>> filled.position_mm[2, 0].round(2).tolist(), mask[:, 0].tolist()
     ([6.0, 0.0, 0.0], [False, False, True, False, False])
     """
     options = options or FillOptions()

@@ -2,8 +2,9 @@
 
     .venv/bin/python bench/accuracy/tracking.py [--seeds N] [--only WORD]
 
-Positions with known identity go through the tracker. *swapped*: numbers that were
-given to two points (at one stage each would be one); *wrong*: points at stages whose
+Positions with known identity go through the tracker. *swapped*: numbers that stood at
+two points, at each for three of its stages in a row or more (where two points meet within
+their noise, which is which is not known at that stage and does not matter); *wrong*: points at stages whose
 number is not that which their point has at most stages; *split*: numbers beyond one a point, over
 all points; *lost*: points whose main number stands at less than half of the stages that
 saw them; *unsure*: links below 4.6 log odds (100 to 1). Time is of the tracker alone,
@@ -130,23 +131,30 @@ def play(scenario, seed):
     return truth, numbers, odds, spent / len(scenario.place)
 
 
+def runs(truth, numbers):
+    """For every number the points that it stood at for three of its stages in a row or more."""
+    points: dict[int, list] = {}
+    for who, what in zip(truth, numbers, strict=True):
+        for p, n in zip(who.tolist(), what.tolist(), strict=True):
+            points.setdefault(n, []).append(p)
+    return [
+        {a for a, b, c in zip(p, p[1:], p[2:], strict=False) if a == b == c}
+        for p in points.values()
+    ]
+
+
 def judge(truth, numbers, odds):
     """swapped, wrong, split, lost, unsure of a run."""
     by_point: dict[int, Counter] = {}
-    by_number: dict[int, Counter] = {}
     for who, what in zip(truth, numbers, strict=True):
         assert len(set(what.tolist())) == len(what)
         for p, n in zip(who.tolist(), what.tolist(), strict=True):
             by_point.setdefault(p, Counter())[n] += 1
-            by_number.setdefault(n, Counter())[p] += 1
-    # A single stage where two points meet within their noise is no swap of identities.
-    swapped = sum(
-        sorted(points.values())[-2] > 2 for points in by_number.values() if len(points) > 1
-    )
+    swapped = sum(len(held) > 1 for held in runs(truth, numbers))
     main = {p: c.most_common(1)[0] for p, c in by_point.items()}
     wrong = sum(sum(c.values()) - main[p][1] for p, c in by_point.items())
     lost = sum(main[p][1] < 0.5 * sum(c.values()) for p, c in by_point.items())
-    split = len(by_number) - len(by_point)
+    split = len(set(np.concatenate(numbers).tolist())) - len(by_point)
     every = np.concatenate(odds)
     return swapped, wrong, split, lost, int((every < 4.6).sum())
 

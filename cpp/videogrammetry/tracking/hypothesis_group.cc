@@ -251,11 +251,12 @@ void HypothesisGroup::Publish(TrackerState& s) {
       if (row < 0 || emitted[static_cast<std::size_t>(row)] == s.track(members[m]).number) continue;
       s.Revise(stage, row, s.track(members[m]).number, margin(t, m));
     }
-    for (std::size_t row = 0; row < emitted.size(); ++row) {  // said to be a member's, but is not
-      for (std::size_t m = 0; m < members.size(); ++m) {
-        if (emitted[row] == s.track(members[m]).number && best.rows[t][m] != static_cast<int>(row)) {
-          s.Revise(stage, static_cast<int>(row), s.next_id++, margin(t, m));
-        }
+    for (std::size_t m = 0; m < members.size(); ++m) {  // said to be a member's, but is not
+      const Track& track = s.track(members[m]);
+      const Track::Position* p = track.At(stage);
+      if (p && p->row != best.rows[t][m] &&
+          emitted[static_cast<std::size_t>(p->row)] == track.number) {
+        s.Revise(stage, p->row, s.next_id++, margin(t, m));
       }
     }
     for (std::size_t m = 0; m < members.size(); ++m) {

@@ -41,10 +41,11 @@ MotionState Update(const MotionState& predicted, const Eigen::Vector3d& position
                    const Eigen::Matrix3d& cov_mm2) {
   const Eigen::Matrix3d inverse =
       (predicted.cov.topLeftCorner<3, 3>() + cov_mm2).eval().inverse();
-  const Eigen::Matrix<double, 9, 3> gain = predicted.cov.leftCols<3>() * inverse;
+  // lazyProduct: too small for the blocked product.
+  const Eigen::Matrix<double, 9, 3> gain = predicted.cov.leftCols<3>().lazyProduct(inverse);
   MotionState state;
   state.mean = predicted.mean + gain * (position_mm - predicted.mean.head<3>());
-  state.cov = predicted.cov - gain * predicted.cov.topRows<3>();
+  state.cov = predicted.cov - gain.lazyProduct(predicted.cov.topRows<3>());
   state.cov = 0.5 * (state.cov + state.cov.transpose()).eval();
   return state;
 }

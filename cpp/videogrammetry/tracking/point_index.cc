@@ -8,7 +8,7 @@
 namespace videogrammetry {
 namespace {
 
-constexpr int kLeaf = 16;
+constexpr int kLeaf = 32;
 
 bool Before(const PointIndex::Neighbour& a, const PointIndex::Neighbour& b) {
   return a.distance2 < b.distance2 || (a.distance2 == b.distance2 && a.index < b.index);

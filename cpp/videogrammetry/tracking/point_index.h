@@ -6,7 +6,7 @@
 
 namespace videogrammetry {
 
-/// Nearest points by a k-d tree (median split, leaves of at most 16 points).
+/// Nearest points by a k-d tree (median split, leaves of at most 32 points).
 class PointIndex {
  public:
   struct Neighbour {

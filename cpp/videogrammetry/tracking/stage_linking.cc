@@ -12,9 +12,9 @@ namespace videogrammetry {
 namespace {
 
 constexpr int kMostRows = 8;          // candidates of a track
-constexpr double kOwnMotionGood = 0.05;  // of the spacing: no neighbours are asked below
 constexpr double kUnsettledOdds = 3.0;   // least log odds for a point seen once
 constexpr int kMaxRounds = 6;
+constexpr int kGuessed = 4;  // stages after which a point seen once is not guessed where it bends
 constexpr double kFarOff = 3.0;  // spacings that bending may differ from a point's own motion
 constexpr std::size_t kPopulation = 8;
 constexpr double kChanceShare = 0.6;  // of the limit; by chance the median is 2^(-1/3) = 0.79
@@ -140,7 +140,8 @@ std::vector<int> Predicted(TrackerState& s) {
   std::vector<int> loose;
   for (const int t : s.active) {
     const Track& track = s.track(t);
-    if (Loose(track) && (track.settled || track.informed || !track.own_motion)) loose.push_back(t);
+    if (!Loose(track) || !(track.settled || track.informed || !track.own_motion)) continue;
+    if (track.last_seen == s.stage - 1 || s.CanBeFound(track.predicted)) loose.push_back(t);
   }
   return loose;
 }
@@ -204,8 +205,9 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
     Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
     if (const NeighbourMotion* motion = bodies.Since(track)) {
       // Bending is worked out for those alone that could have a row.
-      if (!motion->rigid() && track.settled &&
-          open.Distance(e.place_mm, 1) > kFarOff * s.spacing_mm) {
+      const bool long_ago = !track.settled && track.last_seen < s.stage - kGuessed;
+      if (!motion->rigid() &&
+          (long_ago || open.Distance(e.place_mm, 1) > kFarOff * s.spacing_mm)) {
         continue;
       }
       const NeighbourMotion::Place place = bodies.Move(*motion, track);

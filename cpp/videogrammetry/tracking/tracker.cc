@@ -174,7 +174,8 @@ void FinishTracks(TrackerState& s) {
     if (track.group >= 0) continue;
     // A point that is not seen goes with the body, if that tells more than its own motion.
     const double own = track.predicted.position_cov_mm2().trace() / 3.0;
-    if (track.own_motion && own > 4.0 * s.rows.largest_variance_mm2) {
+    const double good = kOwnMotionGood * s.spacing_mm;
+    if (track.own_motion && own > std::max(good * good, 4.0 * s.rows.largest_variance_mm2)) {
       const NeighbourMotion* motion = bodies.Since(track);
       if (motion && motion->rigid()) {
         const NeighbourMotion::Place place = bodies.Move(*motion, track);
@@ -183,7 +184,10 @@ void FinishTracks(TrackerState& s) {
     }
     track.state = track.predicted;
     const int gap = s.stage - track.last_seen;
-    if (track.number >= s.first_free_id && gap >= s.options.max_gap_stages) track.dead = true;
+    if (track.number < s.first_free_id) continue;
+    // Beyond the memory a point is found by its state or not at all.
+    track.dead = gap >= s.options.max_gap_stages ||
+                 (gap >= kMemoryStages && !s.CanBeFound(track.predicted));
   }
   if (expected > 0) {
     s.share_seen += kForget * (static_cast<double>(found) / expected - s.share_seen);
@@ -341,6 +345,10 @@ double TrackerState::LogOdds(const MotionState& predicted, std::size_t row) cons
     return -std::numeric_limits<double>::infinity();
   }
   return LinkConstant() + e.log_density;
+}
+
+bool TrackerState::CanBeFound(const MotionState& predicted) const {
+  return LinkConstant() + Compare(Eigen::Vector3d::Zero(), predicted.position_cov_mm2()).log_density > 0;
 }
 
 void TrackerState::Candidates(const MotionState& predicted, int most,

@@ -21,6 +21,9 @@ namespace videogrammetry {
 
 constexpr int kMemoryStages = 16;  // positions kept of every point; more than any window
 
+// Deviation of a prediction, of the spacing, below which no neighbours are asked.
+constexpr double kOwnMotionGood = 0.05;
+
 struct Track {
   int number = 0;
   MotionState state;      // after the last stage
@@ -102,6 +105,8 @@ struct TrackerState {
 
   double LinkConstant() const;  // log odds of a link without log N(e; 0, S)
   double LogOdds(const MotionState& predicted, std::size_t row) const;  // -inf outside the gate
+  /// Whether a row at the very place would be a link.
+  bool CanBeFound(const MotionState& predicted) const;
   /// The nearest rows within the gate's reach.
   void Candidates(const MotionState& predicted, int most, std::vector<int>* rows_found) const;
 };

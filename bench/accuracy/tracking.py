@@ -20,6 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from videogrammetry.recognition import code_family
+from videogrammetry.rendering.scenes.tyre import tyre_scene
 from videogrammetry.tracking import Tracker
 
 FIRST_FREE = 1000
@@ -100,11 +102,13 @@ def flow(rng, points=1000, stages=60, share=1 / 3, disorder=0.0):
     return every[:, np.isfinite(every[..., 0]).any(axis=0)]
 
 
-def tyre(rng):
-    """The paper's tyre: front and back points, 200 stages; coded, a third of the codes read."""
-    from videogrammetry.rendering.scenes.tyre import tyre_scene  # noqa: PLC0415
-
-    raise NotImplementedError(tyre_scene)
+def tyre(rng, read):
+    """The paper's tyre, 18 coded points; a ring is read with the probability ``read``."""
+    scene = tyre_scene(code_family("schneider-14"))
+    target = scene.marks.is_target
+    place = np.stack([scene.place(scene.time_s(s)).centre_mm[target] for s in range(1, 201)])
+    code = np.arange(1, place.shape[1] + 1) if read > 0 else None
+    return Scenario(place, occluded=0.05, code=code, read=read)
 
 
 def play(scenario, seed):
@@ -160,6 +164,9 @@ def judge(truth, numbers, odds):
 
 
 SCENARIOS = {
+    "tyre, coded": lambda rng: tyre(rng, 1.0),
+    "tyre, half of the rings read": lambda rng: tyre(rng, 0.5),
+    "tyre, un-coded": lambda rng: tyre(rng, 0.0),
     "crossing 200 x 1000": lambda rng: Scenario(crossing(rng)),
     "crossing 200 x 1000, fast": lambda rng: Scenario(crossing(rng, period=40.0)),
     "crossing 200 x 1000, slow": lambda rng: Scenario(crossing(rng, period=300.0)),

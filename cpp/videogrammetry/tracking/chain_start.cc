@@ -11,6 +11,7 @@ namespace {
 constexpr int kSteps = 8;      // nearest points that the first step may lead to
 constexpr int kEnds = 3;       // candidates for each further position
 constexpr double kLeastOdds = 3.0;
+constexpr int kLeastHits = 4;  // of a track that is followed backwards
 constexpr double kLargestShare = 0.5;  // of the spacing, by which an even motion may be missed
 
 struct Chain {
@@ -27,6 +28,7 @@ struct Alone {
   PointIndex index;
 };
 
+// Those that no later stage has linked.
 Alone SeenAlone(TrackerState& s, int stage) {
   Alone alone;
   for (const int t : s.active) {
@@ -129,7 +131,53 @@ void Accept(TrackerState& s, const Chain& chain, double log_odds) {
   s.Give(chain.track[2], chain.row, log_odds);
 }
 
+// Where a track of four positions in a row was a stage before the first of them.
+struct Backward {
+  Eigen::Vector3d place_mm;
+  double variance_mm2 = 0.0;
+};
+std::optional<Backward> PlaceBefore(const TrackerState& s, const Track& track) {
+  const Track::Position *a = track.At(track.first_seen), *b = track.At(track.first_seen + 1),
+                        *c = track.At(track.first_seen + 2);
+  if (!a || !b || !c) return std::nullopt;
+  return Backward{3.0 * a->position_mm - 3.0 * b->position_mm + c->position_mm,
+                  s.statistics.third_difference_var() + 20.0 * a->variance_mm2};
+}
+
 }  // namespace
+
+void ExtendBack(TrackerState& s) {
+  std::map<int, Alone> alone;
+  std::vector<PointIndex::Neighbour> found;
+  for (const int t : s.active) {
+    Track& track = s.track(t);
+    const bool young = track.hits >= kLeastHits && track.row >= 0 && track.group < 0 &&
+                       s.stage - track.first_seen < kLeastHits + 3;
+    if (track.dead || !young || track.first_seen == 0) continue;
+    auto [entry, fresh] = alone.try_emplace(track.first_seen - 1);
+    if (fresh) entry->second = SeenAlone(s, track.first_seen - 1);
+    const auto before = PlaceBefore(s, track);
+    if (!before) continue;
+    const double radius = std::min(s.options.gate_sigma * std::sqrt(before->variance_mm2),
+                                   kLargestShare * s.spacing_mm);
+    entry->second.index.Nearest(before->place_mm, 2, radius, &found);
+    if (found.size() != 1) continue;  // none, or not clear which
+    const int other = entry->second.track[static_cast<std::size_t>(found[0].index)];
+    Track& first = s.track(other);
+    if (first.dead) continue;
+    first.dead = true;
+    if (track.number >= s.first_free_id) {
+      s.Rename(t, track.number, first.number);
+    } else {
+      s.Rename(t, first.number, track.number);
+    }
+    const Track::Position p = *first.At(first.last_seen);
+    track.first_seen = p.stage;
+    track.Remember(p);
+    track.seen |= std::uint64_t{1} << (s.stage - p.stage);
+    ++track.hits;
+  }
+}
 
 void StartChains(TrackerState& s) {
   const std::vector<Chain> chains = ChainSearch(s).Run();

@@ -13,8 +13,11 @@ namespace {
 
 constexpr int kMostRows = 8;          // candidates of a track
 constexpr double kUnsettledOdds = 3.0;   // least log odds for a point seen once
+constexpr double kLeastAfterGap = 4.6;   // and for one that was not seen in the stage before
 constexpr int kMaxRounds = 6;
 constexpr int kGuessed = 4;  // stages after which a point seen once is not guessed where it bends
+constexpr int kBlowWithin = 2;  // stages not seen behind which a blow may have been
+constexpr double kBlow = 2.0;   // times the velocity, what a blow adds
 constexpr double kFarOff = 3.0;  // spacings that bending may differ from a point's own motion
 constexpr std::size_t kPopulation = 8;
 constexpr double kChanceShare = 0.6;  // of the limit; by chance the median is 2^(-1/3) = 0.79
@@ -120,17 +123,27 @@ void StepGroups(TrackerState& s) {
   }
 }
 
+// Log odds that a point not seen for long is only hidden, not gone: points leave
+// as often as they come.
+double StillThere(const TrackerState& s, const Track& track) {
+  const double missed = s.stage - 1 - track.last_seen;
+  return -std::log1p(s.share_new * missed / (1.0 - s.share_seen));
+}
+
 // Candidate links of tracks that nobody has linked; `loose` says which tracks.
 std::vector<LinkCandidate> FindCandidates(TrackerState& s, const std::vector<int>& loose) {
   std::vector<LinkCandidate> candidates;
   std::vector<int> rows;
   for (std::size_t i = 0; i < loose.size(); ++i) {
-    const MotionState& predicted = s.track(loose[i]).predicted;
+    const Track& track = s.track(loose[i]);
+    const MotionState& predicted = track.predicted;
+    const double still_there = StillThere(s, track);
+    const double least = track.last_seen < s.stage - 1 ? kLeastAfterGap : 0.0;
     s.Candidates(predicted, kMostRows, &rows);
     for (const int row : rows) {
       if (!s.rows.IsOpen(row)) continue;
-      const double odds = s.LogOdds(predicted, static_cast<std::size_t>(row));
-      if (odds > 0) candidates.push_back({static_cast<int>(i), row, odds});
+      const double odds = s.LogOdds(predicted, static_cast<std::size_t>(row)) + still_there;
+      if (odds > least) candidates.push_back({static_cast<int>(i), row, odds});
     }
   }
   return candidates;
@@ -218,8 +231,12 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
       e.guessed = !track.settled;
     }
     if (track.settled && track.own_motion && track.last_seen < s.stage - 1) {
-      // Blows are taken for possible while a point is watched, not behind a gap.
-      e.limit_mm = std::min(e.limit_mm, 2.0 * s.options.gate_sigma * Deviation(track.predicted));
+      // A blow turns a velocity round at most; behind a long gap it is not looked for.
+      double reach = 2.0 * s.options.gate_sigma * Deviation(track.predicted);
+      if (track.last_seen >= s.stage - 1 - kBlowWithin) {
+        reach += kBlow * track.state.velocity_mm().norm();
+      }
+      e.limit_mm = std::min(e.limit_mm, reach);
     }
     expected.push_back(e);
   }

@@ -316,6 +316,19 @@ void TrackerState::Give(int t, int row, double log_odds) {
   rows.track[static_cast<std::size_t>(row)] = t;
 }
 
+void TrackerState::Rename(int t, int from, int to) {
+  out.renames.push_back({from, to});
+  for (Past& stage_before : past) {
+    std::replace(stage_before.number.begin(), stage_before.number.end(), from, to);
+  }
+  for (Revision& r : out.revisions) {  // they are applied after the renames
+    if (r.number == from) r.number = to;
+  }
+  track_of_number.erase(from);
+  track(t).number = to;
+  track_of_number[to] = t;
+}
+
 void TrackerState::Revise(int at_stage, int row, int number, double log_odds) {
   PastOf(at_stage).number[static_cast<std::size_t>(row)] = number;
   out.revisions.push_back({at_stage, row, number, log_odds});
@@ -414,14 +427,7 @@ void NameByCode(TrackerState& s) {
       s.track(holder).dead = true;
       s.track(holder).row = -1;
     }
-    s.out.renames.push_back({track.number, s.rows.id[static_cast<std::size_t>(row)]});
-    for (auto& past : s.past) {
-      std::replace(past.number.begin(), past.number.end(), track.number,
-                   s.rows.id[static_cast<std::size_t>(row)]);
-    }
-    s.track_of_number.erase(track.number);
-    track.number = s.rows.id[static_cast<std::size_t>(row)];
-    s.track_of_number[track.number] = loose[k];
+    s.Rename(loose[k], track.number, s.rows.id[static_cast<std::size_t>(row)]);
     s.Give(loose[k], row, kCodeOdds);
   }
 }
@@ -462,6 +468,7 @@ StageLinks Tracker::Add(std::span<const int> id, std::span<const Eigen::Vector3d
   StartChains(s);
   Learn(s);
   FinishTracks(s);
+  ExtendBack(s);
   BeginTracks(s);
   Emit(s);
   SettleGroups(s);

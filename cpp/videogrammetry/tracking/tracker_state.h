@@ -100,6 +100,8 @@ struct TrackerState {
   void Give(int t, int row, double log_odds);  // links a row to a track, without an update
   /// The prediction of a track whose neighbours tell where it is.
   void Carry(Track& track, const NeighbourMotion::Place& place);
+  /// All that was `from` is `to`, which is the track's number.
+  void Rename(int t, int from, int to);
   void Revise(int at_stage, int row, int number, double log_odds);
   Past& PastOf(int at_stage) { return past[static_cast<std::size_t>(at_stage % kMemoryStages)]; }
 
@@ -131,5 +133,6 @@ void LinkByMotion(TrackerState& s);
 void LinkByNeighbours(TrackerState& s);
 void NameByCode(TrackerState& s);
 void StartChains(TrackerState& s);
+void ExtendBack(TrackerState& s);
 
 }  // namespace videogrammetry

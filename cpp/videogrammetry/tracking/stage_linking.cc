@@ -18,6 +18,7 @@ constexpr int kMaxRounds = 6;
 constexpr int kGuessed = 4;  // stages after which a point seen once is not guessed where it bends
 constexpr int kBlowWithin = 2;  // stages not seen behind which a blow may have been
 constexpr double kBlow = 2.0;   // times the velocity, what a blow adds
+constexpr double kTold = 0.15;  // of the spacing: the neighbours' motion is worth following
 constexpr double kFarOff = 3.0;  // spacings that bending may differ from a point's own motion
 constexpr std::size_t kPopulation = 8;
 constexpr double kChanceShare = 0.6;  // of the limit; by chance the median is 2^(-1/3) = 0.79
@@ -215,6 +216,7 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
   for (const int t : s.active) {
     const Track& track = s.track(t);
     if (!Loose(track)) continue;
+    bool told = false;  // by the points around
     Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
     if (const NeighbourMotion* motion = bodies.Since(track)) {
       // Bending is worked out for those alone that could have a row.
@@ -225,12 +227,13 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
       }
       const NeighbourMotion::Place place = bodies.Move(*motion, track);
       e.place_mm = place.position_mm;
+      told = place.variance_mm2 < std::pow(kTold * s.spacing_mm, 2);
       const double noise = motion->rigid() ? s.rows.largest_variance_mm2 : 0.0;
       e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place.variance_mm2 + noise));
     } else {
       e.guessed = !track.settled;
     }
-    if (track.settled && track.own_motion && track.last_seen < s.stage - 1) {
+    if (track.settled && track.own_motion && track.last_seen < s.stage - 1 && !told) {
       // A blow turns a velocity round at most; behind a long gap it is not looked for.
       double reach = 2.0 * s.options.gate_sigma * Deviation(track.predicted);
       if (track.last_seen >= s.stage - 1 - kBlowWithin) {
@@ -240,12 +243,17 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
     }
     expected.push_back(e);
   }
+  // What was lost before may be the same point as what was seen since.
   std::vector<Eigen::Vector3d> places;
-  for (const Expected& e : expected) places.push_back(e.place_mm);
+  for (const Expected& e : expected) {
+    if (s.track(e.track).last_seen == s.stage - 1) places.push_back(e.place_mm);
+  }
   const PointIndex index(places);
   for (Expected& e : expected) {
     // The second nearest of either cloud is the nearest point that it could be taken for.
-    const double spacing = std::min(s.rows.index.Distance(e.place_mm, 2), index.Distance(e.place_mm, 2));
+    const int self = s.track(e.track).last_seen == s.stage - 1 ? 1 : 0;
+    const double spacing =
+        std::min(s.rows.index.Distance(e.place_mm, 2), index.Distance(e.place_mm, 1 + self));
     e.limit_mm = std::min(e.limit_mm, s.options.max_share_of_spacing * spacing);
   }
   return expected;

@@ -17,8 +17,8 @@ constexpr int kFree = 500;
 constexpr double kSigma = 0.05;
 
 // Feeds a tracker and keeps what it says, with what it revises.
-struct Run {
-  explicit Run(unsigned seed, const LinkOptions& options = {}) : tracker(kFree, options), random(seed) {}
+struct TrackedRun {
+  explicit TrackedRun(unsigned seed, const LinkOptions& options = {}) : tracker(kFree, options), random(seed) {}
 
   // Points of `truth` that are there, in random order; NaN is not there.
   void Add(const std::vector<Eigen::Vector3d>& truth, const std::vector<int>& codes = {},
@@ -105,7 +105,7 @@ std::vector<Eigen::Vector3d> Pairs(int pairs, int stage, unsigned seed) {
 
 TEST(Tracker, CrossingPointsAreNeverSwapped) {
   for (const unsigned seed : {1u, 2u}) {
-    Run run(seed);
+    TrackedRun run(seed);
     for (int s = 0; s < 1000; ++s) run.Add(Pairs(100, s, seed), {}, 0.1);
     EXPECT_EQ(run.Swapped(), 0) << "seed " << seed;
   }
@@ -117,7 +117,7 @@ TEST(Tracker, DecidingAtOnceSwapsWhereDeferringDoesNot) {
   at_once.window_stages = 0;
   int swapped = 0;
   for (const unsigned seed : {1u, 2u, 3u}) {
-    Run run(seed, at_once);
+    TrackedRun run(seed, at_once);
     for (int s = 0; s < 1000; ++s) run.Add(Pairs(100, s, seed), {}, 0.1);
     swapped += run.Swapped();
   }
@@ -126,7 +126,7 @@ TEST(Tracker, DecidingAtOnceSwapsWhereDeferringDoesNot) {
 
 TEST(Tracker, GapsOfOneToTwentyStages) {
   for (int gap = 1; gap <= 20; ++gap) {
-    Run run(static_cast<unsigned>(gap));
+    TrackedRun run(static_cast<unsigned>(gap));
     for (int s = 0; s < 60; ++s) {
       auto points = Pairs(10, s, 3);
       if (s >= 30 && s < 30 + gap) points[0].setConstant(std::numeric_limits<double>::quiet_NaN());
@@ -137,7 +137,7 @@ TEST(Tracker, GapsOfOneToTwentyStages) {
 }
 
 TEST(Tracker, AllLeaveAndComeBack) {
-  Run run(4);
+  TrackedRun run(4);
   const std::vector<Eigen::Vector3d> none;
   run.Add(none);  // the first stage is empty
   for (int s = 0; s < 30; ++s) {
@@ -151,7 +151,7 @@ TEST(Tracker, AllLeaveAndComeBack) {
 }
 
 TEST(Tracker, PointsEnterAndLeave) {
-  Run run(5);
+  TrackedRun run(5);
   std::vector<Eigen::Vector3d> points;
   for (int s = 0; s < 120; ++s) {
     points.assign(60, Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()));
@@ -172,7 +172,7 @@ TEST(Tracker, PointsEnterAndLeave) {
 
 TEST(Tracker, FewPoints) {
   for (const int n : {1, 2}) {
-    Run run(6);
+    TrackedRun run(6);
     for (int s = 0; s < 30; ++s) {
       std::vector<Eigen::Vector3d> points;
       for (int p = 0; p < n; ++p) points.emplace_back(3.0 * s + 0.1 * s * s, 200.0 * p, 0.0);
@@ -183,7 +183,7 @@ TEST(Tracker, FewPoints) {
 }
 
 TEST(Tracker, ALateCodeNamesThePointBefore) {
-  Run run(7);
+  TrackedRun run(7);
   for (int s = 0; s < 40; ++s) {
     std::vector<int> codes(20, -1);
     codes[3] = s < 25 ? -1 : 77;
@@ -195,7 +195,7 @@ TEST(Tracker, ALateCodeNamesThePointBefore) {
 }
 
 TEST(Tracker, ACodeAtTwoPlacesIsNotRead) {
-  Run run(9);
+  TrackedRun run(9);
   for (int s = 0; s < 10; ++s) {
     std::vector<int> codes(20, -1);
     codes[0] = 7;
@@ -209,7 +209,7 @@ TEST(Tracker, ACodeAtTwoPlacesIsNotRead) {
 TEST(Tracker, LogOddsTellWhatIsUnsure) {
   LinkOptions at_once;
   at_once.window_stages = 0;
-  Run run(10, at_once);
+  TrackedRun run(10, at_once);
   for (int s = 0; s <= 20; ++s) {  // two points meet at stage 20, a third goes alone
     run.Add({{1.0 * s - 20.0, 0, 0}, {20.0 - 1.0 * s, 0, 0}, {1.0 * s, 300, 0}});
   }
@@ -221,7 +221,7 @@ TEST(Tracker, LogOddsTellWhatIsUnsure) {
 }
 
 TEST(Tracker, IsDeterministicAndBounded) {
-  Run a(11), b(11);
+  TrackedRun a(11), b(11);
   for (int s = 0; s < 200; ++s) {
     a.Add(Pairs(30, s, 12), {}, 0.2);
     b.Add(Pairs(30, s, 12), {}, 0.2);

@@ -14,7 +14,8 @@ namespace videogrammetry {
 namespace {
 
 constexpr std::size_t kReach = 12;   // stages before and after a gap that say something of it
-constexpr std::size_t kCutGaps = 200;  // gaps cut for one length
+constexpr std::size_t kCutStages = 2000;  // cut out for one length of gap
+constexpr double kSignificant = 2.0;      // standard errors
 constexpr std::size_t kLeastCut = 20;
 
 Matrix9d Transition(double rho) {
@@ -70,20 +71,24 @@ double CovarianceFactor(const PointTable& table, std::size_t length, const Motio
     }
   }
   if (whole.size() < kLeastCut) return 1.0;
-  const double step = std::max(1.0, static_cast<double>(whole.size()) / kCutGaps);
-  double squares = 0.0, count = 0.0;
+  const double step = std::max(1.0, static_cast<double>(whole.size() * length) / kCutStages);
+  double squares = 0.0, noise = 0.0, expected = 0.0, cuts = 0.0;
   for (double k = 0; k < static_cast<double>(whole.size()); k += step) {
     const auto [begin, p] = whole[static_cast<std::size_t>(k)];
     const auto states = SmoothGap(table, p, begin, begin + length, model);
     for (std::size_t i = 0; i < length; ++i) {
       const std::size_t at = table.at(begin + i, p);
-      // e'e = f tr P + tr R for the factor f.
-      squares += (table.position_mm[at] - states[i].position_mm()).squaredNorm() -
-                 table.cov_mm2[at].trace();
-      count += states[i].position_cov_mm2().trace();
+      squares += (table.position_mm[at] - states[i].position_mm()).squaredNorm();
+      noise += table.cov_mm2[at].trace();
+      expected += states[i].position_cov_mm2().trace();
     }
+    ++cuts;
   }
-  return std::clamp(squares / count, 0.1, 1e4);
+  // e'e = f tr P + tr R for the factor f, which counts where it is significant; the
+  // stages of one gap err alike.
+  const double factor = (squares - noise) / expected;
+  const double error = squares / expected * std::sqrt(2.0 / (3.0 * cuts));
+  return std::abs(factor - 1.0) < kSignificant * error ? 1.0 : std::clamp(factor, 0.1, 1e4);
 }
 
 struct Estimate {

@@ -10,31 +10,43 @@ namespace {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-// Columns are the rows of the stage, then one a track: "stays without".
+// Tracks are followed by one stand-in a row, rows (the columns) by one a track:
+// what stays alone has its own stand-in, and where a track and a row have each
+// other, so have their stand-ins. Every assignment is perfect then, and forbidding
+// a link costs one cycle.
 class Assignment {
  public:
-  Assignment(int num_tracks, int num_rows, const std::vector<LinkCandidate>& candidates)
-      : rows_(num_rows),
-        begin_(static_cast<std::size_t>(num_tracks) + 1, 0),
-        column_of_(static_cast<std::size_t>(num_tracks), -1),
-        owner_(static_cast<std::size_t>(num_rows + num_tracks), -1),
-        track_potential_(static_cast<std::size_t>(num_tracks), 0.0),
-        potential_(owner_.size(), 0.0),
-        distance_(owner_.size(), kInfinite),
-        from_(owner_.size(), -1),
-        done_(owner_.size(), 0) {
-    for (const LinkCandidate& c : candidates) ++begin_[U(c.track) + 1];
-    for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1] + 1;
-    std::vector<int> fill(begin_.begin(), begin_.end() - 1);
-    edges_.resize(static_cast<std::size_t>(begin_.back()));
-    for (const LinkCandidate& c : candidates) {
-      edges_[U(fill[U(c.track)]++)] = {c.row, -c.log_odds};
+  Assignment(int num_tracks, int num_rows, const std::vector<LinkCandidate>& links)
+      : tracks_(num_tracks),
+        rows_(num_rows),
+        begin_(static_cast<std::size_t>(num_tracks + num_rows) + 1, 0),
+        column_of_(static_cast<std::size_t>(num_tracks + num_rows), -1),
+        owner_(column_of_.size(), -1),
+        track_potential_(column_of_.size(), 0.0),
+        potential_(column_of_.size(), 0.0),
+        distance_(column_of_.size(), kInfinite),
+        from_(column_of_.size(), -1),
+        done_(column_of_.size(), 0) {
+    std::vector<char> used(column_of_.size(), 0);
+    std::vector<std::pair<int, Edge>> all;
+    for (const LinkCandidate& c : links) {
+      const int t = c.track, stand_in = tracks_ + c.row;
+      all.push_back({t, {c.row, -c.log_odds}});
+      all.push_back({stand_in, {rows_ + t, 0.0}});
+      if (!used[U(t)]) all.push_back({t, {rows_ + t, 0.0}});
+      if (!used[U(stand_in)]) all.push_back({stand_in, {c.row, 0.0}});
+      used[U(t)] = used[U(stand_in)] = 1;
     }
-    for (int i = 0; i < num_tracks; ++i) {
-      edges_[U(fill[U(i)])] = {num_rows + i, 0.0};
-      double least = kInfinite;
-      for (int e = begin_[U(i)]; e < begin_[U(i) + 1]; ++e) least = std::min(least, edges_[U(e)].cost);
-      track_potential_[U(i)] = least;
+    for (const auto& [i, edge] : all) ++begin_[U(i) + 1];
+    for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
+    std::vector<int> fill(begin_.begin(), begin_.end() - 1);
+    edges_.resize(all.size());
+    for (const auto& [i, edge] : all) {
+      edges_[U(fill[U(i)]++)] = edge;
+      track_potential_[U(i)] = std::min(track_potential_[U(i)], edge.cost);  // all <= 0
+    }
+    for (std::size_t i = 0; i < used.size(); ++i) {
+      if (used[i]) Augment(static_cast<int>(i));
     }
   }
 
@@ -59,8 +71,8 @@ class Assignment {
     Reset();
   }
 
-  // What the best solution loses without this track's column: a path from the
-  // track to another end, or to the column itself by way of another track.
+  // What the best solution loses without this track's column: the shortest way
+  // from the track back to the column, by other tracks.
   double Margin(int i) {
     const int column = column_of_[U(i)];
     const double length = ShortestPath(i, column).second;
@@ -74,11 +86,10 @@ class Assignment {
   }
 
   void Coupled(double limit, std::vector<std::pair<int, int>>* pairs) const {
-    for (std::size_t i = 0; i < column_of_.size(); ++i) {
-      if (column_of_[i] < 0) continue;
+    for (std::size_t i = 0; i < U(tracks_); ++i) {
       for (int e = begin_[i]; e < begin_[i + 1]; ++e) {
         const int owner = owner_[U(edges_[U(e)].column)];
-        if (owner < 0 || owner == static_cast<int>(i)) continue;
+        if (owner < 0 || owner >= tracks_ || owner == static_cast<int>(i)) continue;
         if (edges_[U(e)].cost - track_potential_[i] - potential_[U(edges_[U(e)].column)] <= limit) {
           pairs->emplace_back(static_cast<int>(i), owner);
         }
@@ -141,7 +152,7 @@ class Assignment {
     visited_.clear();
   }
 
-  int rows_;
+  int tracks_, rows_;
   std::vector<int> begin_, column_of_, owner_;
   std::vector<Edge> edges_;
   std::vector<double> track_potential_, potential_, distance_;
@@ -173,9 +184,6 @@ std::vector<TrackLink> AssignRows(int num_tracks, int num_rows,
     }
   }
   Assignment assignment(num_tracks, num_rows, shared);
-  for (std::size_t t = 0; t < links.size(); ++t) {
-    if (of_track[t] > 0) assignment.Augment(static_cast<int>(t));
-  }
   for (std::size_t t = 0; t < links.size(); ++t) {
     if (of_track[t] == 0) continue;
     const int i = static_cast<int>(t);

@@ -229,7 +229,11 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
       e.place_mm = place.position_mm;
       told = place.variance_mm2 < std::pow(kTold * s.spacing_mm, 2);
       const double noise = motion->rigid() ? s.rows.largest_variance_mm2 : 0.0;
-      e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place.variance_mm2 + noise));
+      // Bending differs from place to place: while a point is watched, its
+      // neighbours' agreement is no limit.
+      if (motion->rigid() || track.last_seen < s.stage - 1 - kBlowWithin) {
+        e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place.variance_mm2 + noise));
+      }
     } else {
       e.guessed = !track.settled;
     }
@@ -400,6 +404,17 @@ void LinkByMotion(TrackerState& s) {
 }
 
 void LinkByNeighbours(TrackerState& s) {
+  // A point whose worlds all differ in itself alone and that is not where any of
+  // them expects it is looked for as others are.
+  for (HypothesisGroup& group : s.groups) {
+    if (group.members.size() != 1 || s.track(group.members[0]).row >= 0) continue;
+    Track& track = s.track(group.members[0]);
+    track.predicted = group.worlds.front().state[0];
+    track.own_motion = true;
+    group.Release(s);
+    group.members.clear();
+  }
+  std::erase_if(s.groups, [](const HypothesisGroup& g) { return g.members.empty(); });
   for (int round = 0; round < kMaxRounds; ++round) {
     std::vector<Eigen::Vector3d> open;
     for (std::size_t r = 0; r < s.rows.size(); ++r) {

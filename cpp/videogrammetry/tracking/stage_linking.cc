@@ -404,14 +404,16 @@ void LinkByMotion(TrackerState& s) {
 }
 
 void LinkByNeighbours(TrackerState& s) {
-  // A point whose worlds all differ in itself alone and that is not where any of
-  // them expects it is looked for as others are.
+  // Points that are in none of the places where their worlds expect them are
+  // looked for as others are.
   for (HypothesisGroup& group : s.groups) {
-    if (group.members.size() != 1 || s.track(group.members[0]).row >= 0) continue;
-    Track& track = s.track(group.members[0]);
-    track.predicted = group.worlds.front().state[0];
-    track.own_motion = true;
+    const auto seen = [&](int t) { return s.track(t).row >= 0; };
+    if (std::any_of(group.members.begin(), group.members.end(), seen)) continue;
     group.Release(s);
+    for (std::size_t m = 0; m < group.members.size(); ++m) {
+      s.track(group.members[m]).predicted = group.worlds.front().state[m];
+      s.track(group.members[m]).own_motion = true;
+    }
     group.members.clear();
   }
   std::erase_if(s.groups, [](const HypothesisGroup& g) { return g.members.empty(); });

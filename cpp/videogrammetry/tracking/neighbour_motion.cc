@@ -60,7 +60,6 @@ NeighbourMotion::NeighbourMotion(std::vector<Eigen::Vector3d> before_mm,
     variance_ = rms * rms;
     return;
   }
-  index_ = PointIndex(before_);
 }
 
 FittedMotion NeighbourMotion::FitAll() const {
@@ -92,7 +91,10 @@ double NeighbourMotion::LeaveOut() const {
 
 NeighbourMotion::Place NeighbourMotion::Move(const Eigen::Vector3d& before_mm) const {
   if (!rigid_) {
-    if (variance_ < 0) variance_ = LeaveOut();  // many are asked for rigid motion only
+    if (variance_ < 0) {  // many are asked for rigid motion only
+      index_ = PointIndex(before_);
+      variance_ = LeaveOut();
+    }
     return {MoveLocally(before_mm, -1), variance_};
   }
   // Variance of a translation and of a turn about the points' mean.

@@ -55,7 +55,7 @@ class NeighbourMotion {
   Eigen::Vector3d mean_ = Eigen::Vector3d::Zero();
   double spread2_ = 0.0;
   mutable double variance_ = -1.0;  // < 0: not known yet
-  PointIndex index_;
+  mutable PointIndex index_;
 };
 
 }  // namespace videogrammetry

@@ -52,14 +52,13 @@ py::dict ToDict(const StageLinks& links) {
     number.push_back(r.number);
     log_odds.push_back(r.log_odds);
   }
-  return py::dict("number"_a = ToArray<std::int32_t>(links.number),
-                  "log_odds"_a = ToArray<double>(links.log_odds),
-                  "rename_from"_a = ToArray<std::int32_t>(from),
-                  "rename_to"_a = ToArray<std::int32_t>(to),
-                  "revised_stage"_a = ToArray<std::int32_t>(stage),
-                  "revised_row"_a = ToArray<std::int32_t>(row),
-                  "revised_number"_a = ToArray<std::int32_t>(number),
-                  "revised_log_odds"_a = ToArray<double>(log_odds));
+  return py::dict(
+      "number"_a = ToArray<std::int32_t>(links.number),
+      "log_odds"_a = ToArray<double>(links.log_odds), "rename_from"_a = ToArray<std::int32_t>(from),
+      "rename_to"_a = ToArray<std::int32_t>(to), "revised_stage"_a = ToArray<std::int32_t>(stage),
+      "revised_row"_a = ToArray<std::int32_t>(row),
+      "revised_number"_a = ToArray<std::int32_t>(number),
+      "revised_log_odds"_a = ToArray<double>(log_odds));
 }
 
 py::dict Add(Tracker& tracker, const Array<std::int32_t>& id, const Array<double>& position_mm,

@@ -8,10 +8,10 @@
 namespace videogrammetry {
 namespace {
 
-constexpr int kSteps = 8;      // nearest points that the first step may lead to
-constexpr int kEnds = 3;       // candidates for each further position
+constexpr int kSteps = 8;  // nearest points that the first step may lead to
+constexpr int kEnds = 3;   // candidates for each further position
 constexpr double kLeastOdds = 3.0;
-constexpr int kLeastHits = 4;  // of a track that is followed backwards
+constexpr int kLeastHits = 4;          // of a track that is followed backwards
 constexpr double kLargestShare = 0.5;  // of the spacing, by which an even motion may be missed
 
 struct Chain {
@@ -60,9 +60,9 @@ class ChainSearch {
   }
 
   std::vector<Chain> Run() {
-    const bool possible = !free_rows_.empty() && s_.spacing_mm > 0 &&
-                          std::all_of(alone_.begin(), alone_.end(),
-                                      [](const Alone& a) { return !a.track.empty(); });
+    const bool possible =
+        !free_rows_.empty() && s_.spacing_mm > 0 &&
+        std::all_of(alone_.begin(), alone_.end(), [](const Alone& a) { return !a.track.empty(); });
     if (!possible) return {};
     rows_ = PointIndex(places_);
     std::vector<PointIndex::Neighbour> before;

@@ -31,8 +31,8 @@ constexpr double kLeastByCode = -60.0;  // log odds of a code that a world did n
 // All assignments of a world's members within kForget of the best seen so far.
 class Enumeration {
  public:
-  Enumeration(const std::vector<std::vector<Choice>>& choices, double start, int world, double* best,
-              std::vector<Continuation>* found)
+  Enumeration(const std::vector<std::vector<Choice>>& choices, double start, int world,
+              double* best, std::vector<Continuation>* found)
       : choices_(choices), world_(world), best_(best), found_(found), rows_(choices.size(), -1) {
     rest_.assign(choices.size() + 1, 0.0);
     for (std::size_t m = choices.size(); m-- > 0;) {
@@ -73,8 +73,7 @@ void KeepLikeliest(std::vector<HypothesisGroup::World>* worlds) {
   std::stable_sort(worlds->begin(), worlds->end(),
                    [](const auto& a, const auto& b) { return a.weight > b.weight; });
   const double best = worlds->front().weight;
-  std::erase_if(*worlds,
-                [&](const auto& w) { return w.weight < best - HypothesisGroup::kForget; });
+  std::erase_if(*worlds, [&](const auto& w) { return w.weight < best - HypothesisGroup::kForget; });
   if (worlds->size() > HypothesisGroup::kMostWorlds) worlds->resize(HypothesisGroup::kMostWorlds);
 }
 
@@ -218,9 +217,9 @@ void HypothesisGroup::Step(TrackerState& s) {
     world.rows.push_back(c.rows);
     for (std::size_t m = 0; m < members.size(); ++m) {
       const auto row = static_cast<std::size_t>(c.rows[m]);
-      world.state.push_back(c.rows[m] < 0 ? predicted[w][m]
-                                          : Update(predicted[w][m], s.rows.position_mm[row],
-                                                   s.rows.cov_mm2[row]));
+      world.state.push_back(
+          c.rows[m] < 0 ? predicted[w][m]
+                        : Update(predicted[w][m], s.rows.position_mm[row], s.rows.cov_mm2[row]));
     }
     next.push_back(std::move(world));
   }
@@ -291,9 +290,9 @@ bool HypothesisGroup::Settle(const TrackerState& s) {
   if (worlds.size() > 1 && stages >= kAgreement) {
     // States that were given the same rows for long are the same.
     const auto same = [&](const World& w) {
-      return std::equal(best.rows.end() - std::min<std::ptrdiff_t>(kAgreement, std::ssize(best.rows)),
-                        best.rows.end(),
-                        w.rows.end() - std::min<std::ptrdiff_t>(kAgreement, std::ssize(w.rows)));
+      return std::equal(
+          best.rows.end() - std::min<std::ptrdiff_t>(kAgreement, std::ssize(best.rows)),
+          best.rows.end(), w.rows.end() - std::min<std::ptrdiff_t>(kAgreement, std::ssize(w.rows)));
     };
     worlds.erase(std::remove_if(worlds.begin() + 1, worlds.end(), same), worlds.end());
   }

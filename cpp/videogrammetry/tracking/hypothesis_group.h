@@ -23,7 +23,7 @@ struct HypothesisGroup {
   static constexpr std::size_t kMostMembers = 6, kMostWorlds = 24;
   static constexpr double kForget = 14.0;
 
-  std::vector<int> members;  // tracks
+  std::vector<int> members;   // tracks
   std::vector<World> worlds;  // the likeliest first
   int first_stage = 0;
 

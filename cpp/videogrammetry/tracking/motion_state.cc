@@ -26,8 +26,8 @@ MotionState Predict(const MotionState& state, const MotionModel& model) {
   next.mean << x + v + 0.5 * a, v + a, rho * a;
   // F P F' by blocks: F's are multiples of the unit matrix.
   Matrix9d left;
-  left.topRows<3>() = state.cov.topRows<3>() + state.cov.middleRows<3>(3) +
-                      0.5 * state.cov.bottomRows<3>();
+  left.topRows<3>() =
+      state.cov.topRows<3>() + state.cov.middleRows<3>(3) + 0.5 * state.cov.bottomRows<3>();
   left.middleRows<3>(3) = state.cov.middleRows<3>(3) + state.cov.bottomRows<3>();
   left.bottomRows<3>() = rho * state.cov.bottomRows<3>();
   next.cov.leftCols<3>() = left.leftCols<3>() + left.middleCols<3>(3) + 0.5 * left.rightCols<3>();
@@ -39,8 +39,7 @@ MotionState Predict(const MotionState& state, const MotionModel& model) {
 
 MotionState Update(const MotionState& predicted, const Eigen::Vector3d& position_mm,
                    const Eigen::Matrix3d& cov_mm2) {
-  const Eigen::Matrix3d inverse =
-      (predicted.cov.topLeftCorner<3, 3>() + cov_mm2).eval().inverse();
+  const Eigen::Matrix3d inverse = (predicted.cov.topLeftCorner<3, 3>() + cov_mm2).eval().inverse();
   // lazyProduct: too small for the blocked product.
   const Eigen::Matrix<double, 9, 3> gain = predicted.cov.leftCols<3>().lazyProduct(inverse);
   MotionState state;

@@ -7,10 +7,10 @@
 namespace videogrammetry {
 namespace {
 
-constexpr double kRigidWithin = 5.0;  // standard deviations of the points' noise
-constexpr int kReach = 4;             // times the neighbours have a part in a local motion
+constexpr double kRigidWithin = 5.0;       // standard deviations of the points' noise
+constexpr int kReach = 4;                  // times the neighbours have a part in a local motion
 constexpr std::size_t kEnoughToTell = 64;  // points that show a motion not to be rigid
-constexpr int kLeftOut = 24;          // points that are left out one by one
+constexpr int kLeftOut = 24;               // points that are left out one by one
 
 }  // namespace
 
@@ -27,8 +27,8 @@ FittedMotion FitMotion(std::span<const Eigen::Vector3d> after_mm,
   mean_before /= total;
   Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
   for (std::size_t i = 0; i < weight.size(); ++i) {
-    correlation += (weight[i] / total) * (after_mm[i] - mean_after) *
-                   (before_mm[i] - mean_before).transpose();
+    correlation +=
+        (weight[i] / total) * (after_mm[i] - mean_after) * (before_mm[i] - mean_before).transpose();
   }
   FittedMotion fit;
   fit.motion.rotation = NearestRotation(correlation);
@@ -71,8 +71,7 @@ FittedMotion NeighbourMotion::FitAll() const {
       before.push_back(before_[i]);
       after.push_back(after_[i]);
     }
-    const FittedMotion some =
-        FitMotion(after, before, std::span(weight).first(before.size()));
+    const FittedMotion some = FitMotion(after, before, std::span(weight).first(before.size()));
     if (some.rms_mm > 2.0 * kRigidWithin * noise_mm_) return some;
   }
   return FitMotion(after_, before_, weight);
@@ -108,12 +107,14 @@ Eigen::Vector3d NeighbourMotion::MoveLocally(const Eigen::Vector3d& before_mm, i
   index_.Nearest(before_mm, kReach * neighbours_ + 1, std::numeric_limits<double>::infinity(),
                  &found);
   std::erase_if(found, [&](const auto& f) { return f.index == left_out; });
-  const std::size_t count = std::min<std::size_t>(found.size(), static_cast<std::size_t>(neighbours_));
+  const std::size_t count =
+      std::min<std::size_t>(found.size(), static_cast<std::size_t>(neighbours_));
   const double reach2 = std::max(found[count - 1].distance2, 1e-12);
   std::vector<Eigen::Vector3d> after, before;
   std::vector<double> weight;
   for (const auto& f : found) {
-    // All keep some weight: the nearest may stand in one line and then leave the turn about it open.
+    // All keep some weight: the nearest may stand in one line and then leave the turn about it
+    // open.
     const double w = 1.0 / (1.0 + f.distance2 / reach2);
     weight.push_back(w * w);
     before.push_back(before_[static_cast<std::size_t>(f.index)]);

@@ -13,7 +13,7 @@
 namespace videogrammetry {
 namespace {
 
-constexpr std::size_t kReach = 12;   // stages before and after a gap that say something of it
+constexpr std::size_t kReach = 12;        // stages before and after a gap that say something of it
 constexpr std::size_t kCutStages = 2000;  // cut out for one length of gap
 constexpr double kSignificant = 2.0;      // standard errors
 constexpr std::size_t kLeastCut = 20;

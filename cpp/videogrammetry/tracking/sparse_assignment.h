@@ -18,7 +18,8 @@ struct TrackLink {
   int row = -1;  ///< -1: none
   /// By how much all links together are likelier than the best without this one
   /// (for a track without a row: than the best in which it has one); exact.
-  double margin = std::numeric_limits<double>::infinity();  // infinite where nothing else is possible
+  double margin =
+      std::numeric_limits<double>::infinity();  // infinite where nothing else is possible
 };
 
 /// The links of the largest total, no row and no track twice: successive

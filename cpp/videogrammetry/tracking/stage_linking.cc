@@ -11,14 +11,14 @@
 namespace videogrammetry {
 namespace {
 
-constexpr int kMostRows = 8;          // candidates of a track
-constexpr double kUnsettledOdds = 3.0;   // least log odds for a point seen once
-constexpr double kLeastAfterGap = 4.6;   // and for one that was not seen in the stage before
+constexpr int kMostRows = 8;            // candidates of a track
+constexpr double kUnsettledOdds = 3.0;  // least log odds for a point seen once
+constexpr double kLeastAfterGap = 4.6;  // and for one that was not seen in the stage before
 constexpr int kMaxRounds = 6;
 constexpr int kGuessed = 4;  // stages after which a point seen once is not guessed where it bends
-constexpr int kBlowWithin = 2;  // stages not seen behind which a blow may have been
-constexpr double kBlow = 2.0;   // times the velocity, what a blow adds
-constexpr double kTold = 0.15;  // of the spacing: the neighbours' motion is worth following
+constexpr int kBlowWithin = 2;   // stages not seen behind which a blow may have been
+constexpr double kBlow = 2.0;    // times the velocity, what a blow adds
+constexpr double kTold = 0.15;   // of the spacing: the neighbours' motion is worth following
 constexpr double kFarOff = 3.0;  // spacings that bending may differ from a point's own motion
 constexpr std::size_t kPopulation = 8;
 constexpr double kChanceShare = 0.6;  // of the limit; by chance the median is 2^(-1/3) = 0.79
@@ -60,7 +60,8 @@ class Grouping {
     Sets sets(s_.groups.size() + singles.size());
     std::vector<int> first(s_.rows.size(), -1);  // set of a row's first claimant
     for (std::size_t g = 0; g < s_.groups.size(); ++g) {
-      for (const int row : s_.groups[g].PossibleRows(s_)) Claim(static_cast<int>(g), row, &first, &sets);
+      for (const int row : s_.groups[g].PossibleRows(s_))
+        Claim(static_cast<int>(g), row, &first, &sets);
     }
     const std::vector<int> of_groups = first;
     std::vector<char> near(singles.size(), 0);
@@ -86,13 +87,16 @@ class Grouping {
     const std::size_t n = s_.groups.size();
     std::map<int, std::vector<int>> parts;
     for (std::size_t i = 0; i < n + singles.size(); ++i) {
-      if (i < n || near[i - n]) parts[sets->Find(static_cast<int>(i))].push_back(static_cast<int>(i));
+      if (i < n || near[i - n])
+        parts[sets->Find(static_cast<int>(i))].push_back(static_cast<int>(i));
     }
     std::vector<HypothesisGroup> joined;
     for (const auto& [root, part] : parts) {
       std::size_t size = 0;
       for (const int i : part) {
-        size += static_cast<std::size_t>(i) < n ? s_.groups[static_cast<std::size_t>(i)].members.size() : 1;
+        size += static_cast<std::size_t>(i) < n
+                    ? s_.groups[static_cast<std::size_t>(i)].members.size()
+                    : 1;
       }
       if (size > HypothesisGroup::kMostMembers) {  // too many to follow all: the best is taken
         for (const int i : part) {
@@ -103,8 +107,7 @@ class Grouping {
       HypothesisGroup group;
       for (const int i : part) {
         const auto u = static_cast<std::size_t>(i);
-        const HypothesisGroup next =
-            u < n ? s_.groups[u] : HypothesisGroup::Of(s_, singles[u - n]);
+        const HypothesisGroup next = u < n ? s_.groups[u] : HypothesisGroup::Of(s_, singles[u - n]);
         group = group.members.empty() ? next : HypothesisGroup::Join(group, next);
       }
       joined.push_back(std::move(group));
@@ -178,13 +181,12 @@ std::vector<std::vector<int>> Unsure(TrackerState& s, const std::vector<int>& lo
     }
   }
   for (const auto& [root, part] : parts) {
-    const bool follow = part.size() <= HypothesisGroup::kMostMembers &&
-                        std::any_of(part.begin(), part.end(), [&](int i) {
-                          return s.track(loose[static_cast<std::size_t>(i)]).settled;
-                        }) &&
-                        std::all_of(part.begin(), part.end(), [&](int i) {
-                          return s.track(loose[static_cast<std::size_t>(i)]).own_motion;
-                        });
+    const bool follow =
+        part.size() <= HypothesisGroup::kMostMembers &&
+        std::any_of(part.begin(), part.end(),
+                    [&](int i) { return s.track(loose[static_cast<std::size_t>(i)]).settled; }) &&
+        std::all_of(part.begin(), part.end(),
+                    [&](int i) { return s.track(loose[static_cast<std::size_t>(i)]).own_motion; });
     if (follow) unsure.push_back(part);
   }
   return unsure;
@@ -218,13 +220,12 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
     if (!Loose(track)) continue;
     bool told = false;  // by the points around
     Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
+    // Bending is worked out for those alone that could have a row.
+    if (!bodies.Rigid() && ((!track.settled && track.last_seen < s.stage - kGuessed) ||
+                            open.Distance(e.place_mm, 1) > kFarOff * s.spacing_mm)) {
+      continue;
+    }
     if (const NeighbourMotion* motion = bodies.Since(track)) {
-      // Bending is worked out for those alone that could have a row.
-      const bool long_ago = !track.settled && track.last_seen < s.stage - kGuessed;
-      if (!motion->rigid() &&
-          (long_ago || open.Distance(e.place_mm, 1) > kFarOff * s.spacing_mm)) {
-        continue;
-      }
       const NeighbourMotion::Place place = bodies.Move(*motion, track);
       e.place_mm = place.position_mm;
       told = place.variance_mm2 < std::pow(kTold * s.spacing_mm, 2);
@@ -284,7 +285,8 @@ bool ByChance(TrackerState& s, const std::vector<Expected>& expected) {
   if (steps.size() < kPopulation) return false;
   // What all have in common is no chance.
   const Eigen::Vector3d common(median(each[0]), median(each[1]), median(each[2]));
-  for (std::size_t i = 0; i < steps.size(); ++i) share.push_back((steps[i] - common).norm() / limits[i]);
+  for (std::size_t i = 0; i < steps.size(); ++i)
+    share.push_back((steps[i] - common).norm() / limits[i]);
   return median(share) > kChanceShare;
 }
 
@@ -326,7 +328,15 @@ bool LinkExpected(TrackerState& s, const std::vector<Expected>& expected, bool w
 const NeighbourMotion* BodyMotions::Since(const Track& track) {
   // Beyond the memory the state stands for the point, carried from stage to stage.
   const Track::Position* last = track.At(track.last_seen);
-  const int from = last ? track.last_seen : s_.stage - 1;
+  return From(last ? track.last_seen : s_.stage - 1);
+}
+
+bool BodyMotions::Rigid() {
+  const NeighbourMotion* motion = From(s_.stage - 1);
+  return !motion || motion->rigid();  // too few points tell nothing
+}
+
+const NeighbourMotion* BodyMotions::From(int from) {
   auto [entry, fresh] = from_.try_emplace(from);
   if (fresh) {
     std::vector<Eigen::Vector3d> before, after;
@@ -341,7 +351,8 @@ const NeighbourMotion* BodyMotions::Since(const Track& track) {
       variance.push_back(p->variance_mm2 + s_.rows.variance_mm2[row]);
     }
     if (std::ssize(before) >= NeighbourMotion::kLeastPoints) {
-      std::nth_element(variance.begin(), variance.begin() + std::ssize(variance) / 2, variance.end());
+      std::nth_element(variance.begin(), variance.begin() + std::ssize(variance) / 2,
+                       variance.end());
       entry->second.emplace(std::move(before), std::move(after),
                             std::sqrt(variance[variance.size() / 2]), s_.options.neighbours);
     }

@@ -114,10 +114,10 @@ void Learn(TrackerState& s) {
     if (!a || !b) continue;
     const auto r = static_cast<std::size_t>(track.row);
     const Eigen::Vector3d fourth = c ? c->position_mm : Eigen::Vector3d::Zero();
-    s.statistics.Add({s.rows.position_mm[r], a->position_mm, b->position_mm, fourth},
-                     {s.rows.variance_mm2[r], a->variance_mm2, b->variance_mm2,
-                      c ? c->variance_mm2 : 0.0},
-                     c != nullptr);
+    s.statistics.Add(
+        {s.rows.position_mm[r], a->position_mm, b->position_mm, fourth},
+        {s.rows.variance_mm2[r], a->variance_mm2, b->variance_mm2, c ? c->variance_mm2 : 0.0},
+        c != nullptr);
   }
   s.statistics.Commit();
 }
@@ -175,7 +175,8 @@ void FinishTracks(TrackerState& s) {
     // A point that is not seen goes with the body, if that tells more than its own motion.
     const double own = track.predicted.position_cov_mm2().trace() / 3.0;
     const double good = kOwnMotionGood * s.spacing_mm;
-    if (track.own_motion && own > std::max(good * good, 4.0 * s.rows.largest_variance_mm2)) {
+    if (track.own_motion && own > std::max(good * good, 4.0 * s.rows.largest_variance_mm2) &&
+        bodies.Rigid()) {
       const NeighbourMotion* motion = bodies.Since(track);
       if (motion && motion->rigid()) {
         const NeighbourMotion::Place place = bodies.Move(*motion, track);
@@ -186,8 +187,8 @@ void FinishTracks(TrackerState& s) {
     const int gap = s.stage - track.last_seen;
     if (track.number < s.first_free_id) continue;
     // Beyond the memory a point is found by its state or not at all.
-    track.dead = gap >= s.options.max_gap_stages ||
-                 (gap >= kMemoryStages && !s.CanBeFound(track.predicted));
+    track.dead =
+        gap >= s.options.max_gap_stages || (gap >= kMemoryStages && !s.CanBeFound(track.predicted));
   }
   if (expected > 0) {
     s.share_seen += kForget * (static_cast<double>(found) / expected - s.share_seen);
@@ -283,7 +284,8 @@ void Emit(TrackerState& s) {
     const Track& track = s.track(s.rows.track[r]);
     s.out.number[r] = now.number[r] = track.number;
     s.out.log_odds[r] = track.log_odds;
-    now.row.push_back({s.stage, static_cast<int>(r), s.rows.position_mm[r], s.rows.variance_mm2[r]});
+    now.row.push_back(
+        {s.stage, static_cast<int>(r), s.rows.position_mm[r], s.rows.variance_mm2[r]});
   }
 }
 
@@ -340,10 +342,9 @@ void TrackerState::Carry(Track& t, const NeighbourMotion::Place& place) {
   const Eigen::Vector3d from = last ? last->position_mm : t.state.position_mm();
   const Eigen::Matrix3d unit = Eigen::Matrix3d::Identity();
   const MotionModel model = statistics.model();
-  t.predicted = StartState(place.position_mm, place.variance_mm2 * unit,
-                           (place.position_mm - from) / gap,
-                           (2.0 * place.variance_mm2 / (gap * gap) + model.acceleration_var) * unit,
-                           model);
+  t.predicted =
+      StartState(place.position_mm, place.variance_mm2 * unit, (place.position_mm - from) / gap,
+                 (2.0 * place.variance_mm2 / (gap * gap) + model.acceleration_var) * unit, model);
 }
 
 double TrackerState::LinkConstant() const {
@@ -361,7 +362,9 @@ double TrackerState::LogOdds(const MotionState& predicted, std::size_t row) cons
 }
 
 bool TrackerState::CanBeFound(const MotionState& predicted) const {
-  return LinkConstant() + Compare(Eigen::Vector3d::Zero(), predicted.position_cov_mm2()).log_density > 0;
+  return LinkConstant() +
+             Compare(Eigen::Vector3d::Zero(), predicted.position_cov_mm2()).log_density >
+         0;
 }
 
 void TrackerState::Candidates(const MotionState& predicted, int most,
@@ -385,7 +388,8 @@ void NameByCode(TrackerState& s) {
   std::vector<int> loose;
   for (const int t : s.active) {
     const Track& track = s.track(t);
-    if (track.row < 0 && !track.dead && track.group < 0 && track.number >= s.first_free_id) loose.push_back(t);
+    if (track.row < 0 && !track.dead && track.group < 0 && track.number >= s.first_free_id)
+      loose.push_back(t);
   }
   if (coded.empty() || loose.empty()) return;
   const PointIndex index(places);
@@ -397,19 +401,19 @@ void NameByCode(TrackerState& s) {
     std::optional<NeighbourMotion::Place> place;
     if (motion) place = bodies.Move(*motion, track);
     loose_places.push_back(place ? place->position_mm : track.predicted.position_mm());
-    const double variance = place ? place->variance_mm2
-                                  : track.predicted.position_cov_mm2().trace() / 3.0;
-    reach.push_back(place || track.settled ? s.options.gate_sigma *
-                        std::sqrt(3.0 * (variance + s.rows.largest_variance_mm2))
-                                           : std::numeric_limits<double>::infinity());
+    const double variance =
+        place ? place->variance_mm2 : track.predicted.position_cov_mm2().trace() / 3.0;
+    reach.push_back(place || track.settled
+                        ? s.options.gate_sigma *
+                              std::sqrt(3.0 * (variance + s.rows.largest_variance_mm2))
+                        : std::numeric_limits<double>::infinity());
   }
   const PointIndex loose_index(loose_places);
   std::vector<PointIndex::Neighbour> found;
   for (std::size_t k = 0; k < loose.size(); ++k) {
-    const double limit =
-        std::min(reach[k], s.options.max_share_of_spacing *
-                               std::min(s.rows.index.Distance(loose_places[k], 2),
-                                        loose_index.Distance(loose_places[k], 2)));
+    const double limit = std::min(reach[k], s.options.max_share_of_spacing *
+                                                std::min(s.rows.index.Distance(loose_places[k], 2),
+                                                         loose_index.Distance(loose_places[k], 2)));
     index.Nearest(loose_places[k], 1, limit, &found);
     if (found.empty()) continue;
     const int row = coded[static_cast<std::size_t>(found[0].index)];
@@ -418,8 +422,8 @@ void NameByCode(TrackerState& s) {
     if (holder >= 0) {
       const Track& other = s.track(holder);
       const bool beside = (other.seen & track.seen) != 0 || other.group >= 0;
-      const bool forgotten = other.first_seen < s.stage - 63 && other.last_seen >= track.first_seen &&
-                             track.first_seen < s.stage - 63;
+      const bool forgotten = other.first_seen < s.stage - 63 &&
+                             other.last_seen >= track.first_seen && track.first_seen < s.stage - 63;
       if (beside || forgotten) continue;  // seen side by side: two points
       track.first_seen = std::min(track.first_seen, other.first_seen);
       track.hits += other.hits;

@@ -26,16 +26,16 @@ constexpr double kOwnMotionGood = 0.05;
 
 struct Track {
   int number = 0;
-  MotionState state;      // after the last stage
-  MotionState predicted;  // at the stage that is being linked
+  MotionState state;       // after the last stage
+  MotionState predicted;   // at the stage that is being linked
   bool own_motion = true;  // whether the prediction is the filter's
   int hits = 0, first_seen = 0, last_seen = -1;
-  bool settled = false;  // its velocity is known: linked at least once
+  bool settled = false;   // its velocity is known: linked at least once
   bool informed = false;  // its velocity is guessed from the points around it
   bool dead = false;
   int group = -1;
   double log_scale = 0.0;  // of the process noise against that of all points
-  int row = -1;  // at the stage that is being linked
+  int row = -1;            // at the stage that is being linked
   double log_odds = 0.0;
   std::uint64_t seen = 0;  // bit k: seen k stages ago
 
@@ -78,11 +78,11 @@ struct TrackerState {
   LinkOptions options;
   int stage = 0;
   MotionStatistics statistics;
-  double spacing_mm = 0.0;       // median distance to the nearest other point; 0: not known
-  double share_seen = 0.95;      // of the points that were to be seen
-  double share_new = 0.05;       // of a stage's points
-  std::deque<Track> tracks;      // places are used again
-  std::vector<int> active;       // in the order of their beginning
+  double spacing_mm = 0.0;   // median distance to the nearest other point; 0: not known
+  double share_seen = 0.95;  // of the points that were to be seen
+  double share_new = 0.05;   // of a stage's points
+  std::deque<Track> tracks;  // places are used again
+  std::vector<int> active;   // in the order of their beginning
   std::vector<int> unused;
   std::unordered_map<int, int> track_of_number;
   std::vector<HypothesisGroup> groups;
@@ -119,10 +119,15 @@ class BodyMotions {
   explicit BodyMotions(TrackerState& s) : s_(s) {}
   /// The motion since the track was seen last; null if too few are identified at both stages.
   const NeighbourMotion* Since(const Track& track);
+  /// Whether the last stage's motion is rigid; over more stages it is not, where it is not over
+  /// one.
+  bool Rigid();
   /// Where that puts the track.
   NeighbourMotion::Place Move(const NeighbourMotion& motion, const Track& track) const;
 
  private:
+  const NeighbourMotion* From(int stage);
+
   TrackerState& s_;
   std::map<int, std::optional<NeighbourMotion>> from_;
 };

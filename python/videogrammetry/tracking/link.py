@@ -79,6 +79,32 @@ class StageLinks:
                 log_odds[stage][row] = odds
 
 
+def fit_rigid(
+    a: FloatArray, b: FloatArray, weight: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Best-fit motion a_from_b of points (N, 3): rotation, translation, RMS per coordinate.
+
+    Weighted least squares over rotation and translation (Kabsch); the RMS
+    counts the six unknowns.
+
+    Examples
+    --------
+    >>> b = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> rotation, translation, rms = fit_rigid(b + [1, 2, 3], b)
+    >>> translation.round(9).tolist(), round(rms, 9)
+    ([1.0, 2.0, 3.0], 0.0)
+    """
+    w = np.full(len(a), 1.0) if weight is None else weight / weight.mean()
+    mean_a, mean_b = (w @ a) / w.sum(), (w @ b) / w.sum()
+    u, _, vt = np.linalg.svd((a - mean_a).T @ (w[:, None] * (b - mean_b)))
+    sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    rotation = u @ sign @ vt
+    translation = mean_a - rotation @ mean_b
+    residual = a - (b @ rotation.T + translation)
+    redundancy = max(3 * len(a) - 6, 1)
+    return rotation, translation, float(np.sqrt((w[:, None] * residual**2).sum() / redundancy))
+
+
 class Tracker:
     """Numbers for points, stage by stage, in memory that does not grow with the stages.
 

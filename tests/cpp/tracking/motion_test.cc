@@ -41,7 +41,8 @@ PointTable Walk(std::size_t stages, std::size_t points, const MotionModel& model
 PointTable Measured(PointTable table, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal(0.0, kSigma);
-  for (auto& x : table.position_mm) x += Eigen::Vector3d(normal(random), normal(random), normal(random));
+  for (auto& x : table.position_mm)
+    x += Eigen::Vector3d(normal(random), normal(random), normal(random));
   return table;
 }
 
@@ -63,14 +64,17 @@ TEST(MotionState, PredictionErrorsHaveTheirCovariance) {
   for (const std::size_t gap : {1u, 3u, 10u}) {
     double sum = 0.0;
     for (std::size_t p = 0; p < truth.points; ++p) {
-      MotionState state = StartState(measured.position_mm[truth.at(0, p)], measured.cov_mm2[0],
-                                     Eigen::Vector3d::Zero(), 4.0 * Eigen::Matrix3d::Identity(), model);
+      MotionState state =
+          StartState(measured.position_mm[truth.at(0, p)], measured.cov_mm2[0],
+                     Eigen::Vector3d::Zero(), 4.0 * Eigen::Matrix3d::Identity(), model);
       for (std::size_t k = 1; k < 30; ++k) {
-        state = Update(Predict(state, model), measured.position_mm[truth.at(k, p)], measured.cov_mm2[0]);
+        state = Update(Predict(state, model), measured.position_mm[truth.at(k, p)],
+                       measured.cov_mm2[0]);
       }
       for (std::size_t k = 0; k < gap; ++k) state = Predict(state, model);
       sum += Compare(truth.position_mm[truth.at(29 + gap, p)] - state.position_mm(),
-                     state.position_cov_mm2()).distance2;
+                     state.position_cov_mm2())
+                 .distance2;
     }
     // Chi-square of 1200: standard deviation of the mean of d^2 / 3 is sqrt(2 / 1200) = 0.041.
     EXPECT_NEAR(sum / 1200.0, 1.0, 4.0 * 0.041) << "gap " << gap;
@@ -110,9 +114,11 @@ TEST(FillGaps, NeighboursFillWhereABodyIsThrown) {
   std::normal_distribution<double> normal;
   PointTable truth{30, 40, {}, {}, {}};
   std::vector<Eigen::Vector3d> body;
-  for (int i = 0; i < 40; ++i) body.emplace_back(200 * normal(random), 200 * normal(random), 50 * normal(random));
+  for (int i = 0; i < 40; ++i)
+    body.emplace_back(200 * normal(random), 200 * normal(random), 50 * normal(random));
   for (int s = 0; s < 30; ++s) {
-    const Eigen::Matrix3d rotation = RotationFromVector({normal(random), normal(random), normal(random)});
+    const Eigen::Matrix3d rotation =
+        RotationFromVector({normal(random), normal(random), normal(random)});
     const Eigen::Vector3d shift(300 * normal(random), 300 * normal(random), 0);
     for (const auto& x : body) truth.position_mm.push_back(rotation * x + shift);
   }
@@ -140,9 +146,9 @@ TEST(FillGaps, NeighboursFillWhereABodyIsThrown) {
 
 TEST(FillGaps, LongGapsAndEndsStay) {
   PointTable table = Measured(Walk(40, 3, {0.01, 0.5}, 9), 10);
-  for (std::size_t s = 10; s < 21; ++s) table.seen[table.at(s, 0)] = 0;   // 11 stages
-  for (std::size_t s = 0; s < 4; ++s) table.seen[table.at(s, 1)] = 0;     // before the first
-  for (std::size_t s = 35; s < 40; ++s) table.seen[table.at(s, 2)] = 0;   // after the last
+  for (std::size_t s = 10; s < 21; ++s) table.seen[table.at(s, 0)] = 0;  // 11 stages
+  for (std::size_t s = 0; s < 4; ++s) table.seen[table.at(s, 1)] = 0;    // before the first
+  for (std::size_t s = 35; s < 40; ++s) table.seen[table.at(s, 2)] = 0;  // after the last
   const auto filled = FillGaps(&table, {});
   EXPECT_EQ(std::count(filled.begin(), filled.end(), 1), 0);
   EXPECT_THROW(FillGaps(&table, {.largest_gap = -1}), std::invalid_argument);

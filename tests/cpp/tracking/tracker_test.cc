@@ -1,3 +1,5 @@
+#include "videogrammetry/tracking/tracker.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,8 +10,6 @@
 #include <random>
 #include <set>
 
-#include "videogrammetry/tracking/tracker.h"
-
 namespace videogrammetry {
 namespace {
 
@@ -18,7 +18,8 @@ constexpr double kSigma = 0.05;
 
 // Feeds a tracker and keeps what it says, with what it revises.
 struct TrackedRun {
-  explicit TrackedRun(unsigned seed, const LinkOptions& options = {}) : tracker(kFree, options), random(seed) {}
+  explicit TrackedRun(unsigned seed, const LinkOptions& options = {})
+      : tracker(kFree, options), random(seed) {}
 
   // Points of `truth` that are there, in random order; NaN is not there.
   void Add(const std::vector<Eigen::Vector3d>& truth, const std::vector<int>& codes = {},
@@ -37,7 +38,8 @@ struct TrackedRun {
       position.push_back(truth[static_cast<std::size_t>(i)] +
                          Eigen::Vector3d(noise(random), noise(random), noise(random)));
     }
-    const std::vector<Eigen::Matrix3d> cov(id.size(), kSigma * kSigma * Eigen::Matrix3d::Identity());
+    const std::vector<Eigen::Matrix3d> cov(id.size(),
+                                           kSigma * kSigma * Eigen::Matrix3d::Identity());
     const StageLinks links = tracker.Add(id, position, cov);
     for (const Rename& r : links.renames) {
       for (auto& stage : numbers) std::replace(stage.begin(), stage.end(), r.from, r.to);
@@ -92,11 +94,15 @@ std::vector<Eigen::Vector3d> Pairs(int pairs, int stage, unsigned seed) {
   std::normal_distribution<double> normal;
   std::vector<Eigen::Vector3d> points;
   for (int k = 0; k < pairs; ++k) {
-    const Eigen::Vector3d centre(700 * uniform(random), 700 * uniform(random), 700 * uniform(random));
-    const Eigen::Vector3d way = Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
+    const Eigen::Vector3d centre(700 * uniform(random), 700 * uniform(random),
+                                 700 * uniform(random));
+    const Eigen::Vector3d way =
+        Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
     const double pace = 80.0 + 50.0 * uniform(random), phase = uniform(random);
-    const Eigen::Vector3d drift(40 * std::sin(stage / 50.0 + k), 40 * std::cos(stage / 60.0 + k), 0);
-    const Eigen::Vector3d off = 60.0 * std::sin(2 * std::numbers::pi * (stage / pace + phase)) * way;
+    const Eigen::Vector3d drift(40 * std::sin(stage / 50.0 + k), 40 * std::cos(stage / 60.0 + k),
+                                0);
+    const Eigen::Vector3d off =
+        60.0 * std::sin(2 * std::numbers::pi * (stage / pace + phase)) * way;
     points.push_back(centre + drift + off);
     points.push_back(centre + drift - off);
   }
@@ -157,7 +163,8 @@ TEST(Tracker, PointsEnterAndLeave) {
     points.assign(60, Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()));
     for (int p = 0; p < 60; ++p) {  // each goes by within 30 stages
       const int age = s - 2 * p;
-      if (age >= 0 && age < 30) points[static_cast<std::size_t>(p)] = {10.0 * age, 70.0 * (p % 7), 90.0 * (p % 5)};
+      if (age >= 0 && age < 30)
+        points[static_cast<std::size_t>(p)] = {10.0 * age, 70.0 * (p % 7), 90.0 * (p % 5)};
     }
     run.Add(points);
   }
@@ -235,9 +242,12 @@ TEST(Tracker, RefusesWhatIsNoPoint) {
   const std::vector<Eigen::Matrix3d> cov{Eigen::Matrix3d::Identity()};
   const std::vector<Eigen::Vector3d> zero{Eigen::Vector3d::Zero()};
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(tracker.Add(std::vector<int>{-1}, std::vector<Eigen::Vector3d>{{0, nan, 0}}, cov), std::invalid_argument);
-  EXPECT_THROW(tracker.Add(std::vector<int>{-1}, zero, std::vector<Eigen::Matrix3d>{nan * cov[0]}), std::invalid_argument);
-  EXPECT_THROW(tracker.Add(std::vector<int>{-1}, zero, std::vector<Eigen::Matrix3d>{0 * cov[0]}), std::invalid_argument);
+  EXPECT_THROW(tracker.Add(std::vector<int>{-1}, std::vector<Eigen::Vector3d>{{0, nan, 0}}, cov),
+               std::invalid_argument);
+  EXPECT_THROW(tracker.Add(std::vector<int>{-1}, zero, std::vector<Eigen::Matrix3d>{nan * cov[0]}),
+               std::invalid_argument);
+  EXPECT_THROW(tracker.Add(std::vector<int>{-1}, zero, std::vector<Eigen::Matrix3d>{0 * cov[0]}),
+               std::invalid_argument);
   EXPECT_THROW(tracker.Add(std::vector<int>{kFree}, zero, cov), std::invalid_argument);
   EXPECT_THROW(tracker.Add(std::vector<int>{1, 2}, zero, cov), std::invalid_argument);
   EXPECT_EQ(tracker.num_points(), 0u);

@@ -6,7 +6,8 @@ Positions with known identity go through the tracker. *swapped*: numbers that st
 two points, at each for three of its stages in a row or more (where two points meet within
 their noise, which is which is not known at that stage and does not matter); *wrong*: points
 at stages whose number is not that which their point has at most stages; *split*: numbers
-beyond one a point, over all points; *lost*: points whose main number stands at less than half of the stages that
+beyond one a point, over all points; *lost*: points whose main number stands at less than half
+of the stages that
 saw them; *unsure*: links below 4.6 log odds (100 to 1). Time: the median
 stage of ``Tracker.add``, the least of the seeds.
 """

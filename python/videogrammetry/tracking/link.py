@@ -62,11 +62,23 @@ class StageLinks:
     revised_number: IntArray
     revised_log_odds: FloatArray
 
-    def revise(self, numbers: Sequence[IntArray], log_odds: Sequence[FloatArray] = ()) -> None:
-        """Apply renames and revisions to the arrays of the stages before, in place."""
+    def revise(
+        self,
+        numbers: Sequence[IntArray],
+        log_odds: Sequence[FloatArray] = (),
+        begun: dict[int, int] | None = None,
+    ) -> None:
+        """Apply renames and revisions to the arrays of the stages before, in place.
+
+        ``begun``: the first stage of every number, so that only stages from there on are
+        looked at; kept up to date.
+        """
         for old, new in self.renames.tolist():
-            for of_stage in numbers:
+            first = 0 if begun is None else begun.pop(old, 0)
+            for of_stage in numbers[first:]:
                 of_stage[of_stage == old] = new
+            if begun is not None:
+                begun[new] = min(begun.get(new, first), first)
         for stage, row, number, odds in zip(
             self.revised_stage.tolist(),
             self.revised_row.tolist(),
@@ -75,34 +87,10 @@ class StageLinks:
             strict=True,
         ):
             numbers[stage][row] = number
+            if begun is not None:
+                begun[number] = min(begun.get(number, stage), stage)
             if log_odds:
                 log_odds[stage][row] = odds
-
-
-def fit_rigid(
-    a: FloatArray, b: FloatArray, weight: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray, float]:
-    """Best-fit motion a_from_b of points (N, 3): rotation, translation, RMS per coordinate.
-
-    Weighted least squares over rotation and translation (Kabsch); the RMS
-    counts the six unknowns.
-
-    Examples
-    --------
-    >>> b = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    >>> rotation, translation, rms = fit_rigid(b + [1, 2, 3], b)
-    >>> translation.round(9).tolist(), round(rms, 9)
-    ([1.0, 2.0, 3.0], 0.0)
-    """
-    w = np.full(len(a), 1.0) if weight is None else weight / weight.mean()
-    mean_a, mean_b = (w @ a) / w.sum(), (w @ b) / w.sum()
-    u, _, vt = np.linalg.svd((a - mean_a).T @ (w[:, None] * (b - mean_b)))
-    sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
-    rotation = u @ sign @ vt
-    translation = mean_a - rotation @ mean_b
-    residual = a - (b @ rotation.T + translation)
-    redundancy = max(3 * len(a) - 6, 1)
-    return rotation, translation, float(np.sqrt((w[:, None] * residual**2).sum() / redundancy))
 
 
 class Tracker:

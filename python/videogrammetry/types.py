@@ -312,8 +312,10 @@ class Matches:
     ----------
     target : (P, C) index of the target in each camera's Targets, -1 = not seen.
     id : (P,) code number or -1. chi2 : (P,) of the rays, 2n - 3 degrees of freedom.
-    log_odds : (P,) against the best alternative match.
+    log_odds : (P,) that all the match's targets show one point, against all else.
     status : a camera: (N,) index into ``matching.TARGET_STATUS``.
+    false_probability : (P,) that a target of the match shows another point or none;
+        0 of what the user has put together, None where it was not estimated.
     """
 
     target: IntArray
@@ -321,6 +323,7 @@ class Matches:
     chi2: FloatArray
     log_odds: FloatArray
     status: tuple[npt.NDArray[np.uint8], ...]
+    false_probability: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.id)

@@ -100,4 +100,5 @@ def match_stage(
         chi2=result["chi2"],
         log_odds=result["log_odds"],
         status=tuple(result["status"]),
+        false_probability=result["false_probability"],
     )

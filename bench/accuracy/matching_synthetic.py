@@ -42,8 +42,8 @@ DISTANCE_MM = 1000.0
 VOLUME_MM = np.array([340.0, 280.0, 200.0])
 SIGMA_PX, NOISE, BACKGROUND = 1.5, 2.0, 12.0
 #: A target this near to a particle's true picture is that particle's.
-OWN_PX = 2.0
-MERGE_PX = 3 * SIGMA_PX
+OWN_PX = 2.6
+MERGE_PX = 5 * SIGMA_PX
 BARS = {50: (99.0, 0.1), 200: (97.0, 0.5), 500: (93.0, 2.0), 1000: (85.0, 10.0)}
 CALIBRATION_POINTS, CALIBRATION_SIGMA_PX = 60, 0.1
 ANGLES_DEG = [(-20.0, -12.0), (20.0, -12.0), (-20.0, 12.0), (20.0, 12.0)]

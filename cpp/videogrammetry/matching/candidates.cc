@@ -26,6 +26,8 @@ constexpr std::size_t kMaxContested = 3;
 constexpr double kMergeAxes = 2.5;
 constexpr double kMergedShare = 0.5;
 constexpr int kCurvePieces = 8;
+// Enough to tell how large the space is.
+constexpr std::size_t kVolumePairs = 1000, kVolumeTargets = 100;
 
 // Upper limit of chi2 with d degrees of freedom at the two-sided level of the
 // normal quantile z: Wilson-Hilferty (1931), good to a per cent here.
@@ -306,14 +308,16 @@ bool CandidateFinder::PairPasses(std::size_t a, std::size_t i, std::size_t b, st
 
 template <typename Function>
 void CandidateFinder::ForPairs(std::size_t a, std::size_t b,
-                               const std::vector<std::vector<char>>& free, Function f) const {
+                               const std::vector<std::vector<char>>& free, std::size_t every,
+                               Function f) const {
   const Eigen::Matrix3d essential =
       EssentialMatrix(cameras_[a].oriented(), cameras_[b].oriented());
   const bool curved = cameras_[a].has_window() || cameras_[b].has_window();
   const TargetView &own = targets_[a], &other = targets_[b];
-  for (std::size_t i = 0; i < own.size(); ++i) {
+  std::vector<int> near;
+  for (std::size_t i = 0; i < own.size(); i += every) {
     if (!free[a][i] || !own.valid(i)) continue;
-    std::vector<int> near;
+    near.clear();
     const auto look = [&](std::size_t j) {
       if (!free[b][j] || !IdsAgree(data_[a].id[i], data_[b].id[j])) return;
       if (PairPasses(a, i, b, j, essential)) near.push_back(static_cast<int>(j));
@@ -361,9 +365,10 @@ void CandidateFinder::ForPairs(std::size_t a, std::size_t b,
 
 double CandidateFinder::PairVolume(const std::vector<std::vector<char>>& free) {
   std::array<std::vector<double>, 3> along;
-  for (std::size_t a = 0; a < cameras_.size() && along[0].size() < 4000; ++a) {
-    for (std::size_t b = a + 1; b < cameras_.size() && along[0].size() < 4000; ++b) {
-      ForPairs(a, b, free, [&](std::size_t i, std::size_t j) {
+  for (std::size_t a = 0; a < cameras_.size() && along[0].size() < kVolumePairs; ++a) {
+    for (std::size_t b = a + 1; b < cameras_.size() && along[0].size() < kVolumePairs; ++b) {
+      const std::size_t every = targets_[a].size() / kVolumeTargets + 1;
+      ForPairs(a, b, free, every, [&](std::size_t i, std::size_t j) {
         Eigen::Vector3d position;
         if (!MeetingPoint(targets_[a], i, targets_[b], j, &position)) return;
         for (int k = 0; k < 3; ++k) along[static_cast<std::size_t>(k)].push_back(position[k]);
@@ -391,7 +396,7 @@ std::vector<Candidate> CandidateFinder::Find(const std::vector<std::vector<char>
   for (auto& s : settled_) std::fill(s.begin(), s.end(), 0);
   for (std::size_t a = 0; a < cameras_.size(); ++a) {
     for (std::size_t b = a + 1; b < cameras_.size(); ++b) {
-      ForPairs(a, b, free, [&](std::size_t i, std::size_t j) { Seed(a, i, b, j); });
+      ForPairs(a, b, free, 1, [&](std::size_t i, std::size_t j) { Seed(a, i, b, j); });
     }
   }
   AddParts();

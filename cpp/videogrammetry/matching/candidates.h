@@ -79,7 +79,7 @@ class CandidateFinder {
 
   template <typename Function>
   void ForPairs(std::size_t a, std::size_t b, const std::vector<std::vector<char>>& free,
-                Function f) const;
+                std::size_t every, Function f) const;
   bool PairPasses(std::size_t a, std::size_t i, std::size_t b, std::size_t j,
                   const Eigen::Matrix3d& essential) const;
   std::vector<Eigen::Vector2d> EpipolarCurve(std::size_t a, std::size_t i, std::size_t b) const;

@@ -10,9 +10,8 @@ namespace {
 
 // A candidate of these log odds has a thousandth at most and is left out.
 constexpr double kNegligible = -7.0;
-constexpr int kMaxIterations = 300;
 constexpr double kDamping = 0.3;
-constexpr double kConverged = 1e-6;
+constexpr double kConverged = 1e-4;
 
 // Targets of all cameras numbered through, and the candidates at each.
 class Claims {
@@ -133,7 +132,7 @@ double RestWithout(std::size_t e, const std::vector<double>& log_m,
 }
 
 void Propagate(const std::vector<std::size_t>& group, const Claims& claims,
-               std::vector<Candidate>* candidates) {
+               int max_iterations, std::vector<Candidate>* candidates) {
   // Edges: a candidate and one of its targets.
   std::vector<std::size_t> first(group.size() + 1, 0), number;
   for (std::size_t i = 0; i < group.size(); ++i) {
@@ -151,7 +150,7 @@ void Propagate(const std::vector<std::size_t>& group, const Claims& claims,
   for (std::size_t e = 0; e < number.size(); ++e) edges_at[number[e]].push_back(e);
   std::vector<double> log_n(number.size(), 0.0), log_m(number.size());
   std::vector<double> most(places.size()), sum(places.size());
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+  for (int iteration = 0; iteration < max_iterations; ++iteration) {
     for (std::size_t i = 0; i < group.size(); ++i) {
       double all = (*candidates)[group[i]].score;
       for (std::size_t e = first[i]; e < first[i + 1]; ++e) all += log_n[e];
@@ -190,15 +189,20 @@ void Propagate(const std::vector<std::size_t>& group, const Claims& claims,
 }  // namespace
 
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
-                      std::vector<Candidate>* candidates, int exact_limit) {
+                      std::vector<Candidate>* candidates, int exact_limit, int max_iterations) {
   const Claims claims(num_targets, *candidates);
   for (Candidate& c : *candidates) c.probability = 0;
   for (const auto& group : claims.Groups()) {
+    if (group.size() == 1) {
+      Candidate& alone = (*candidates)[group[0]];
+      alone.probability = 1 / (1 + std::exp(-alone.score));
+      continue;
+    }
     if (exact_limit > 0 &&
         Enumeration(group, claims, *candidates, exact_limit).Run(group, candidates)) {
       continue;
     }
-    Propagate(group, claims, candidates);
+    Propagate(group, claims, max_iterations, candidates);
   }
 }
 

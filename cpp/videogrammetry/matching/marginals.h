@@ -24,8 +24,10 @@ namespace videogrammetry {
 /// @param num_targets  targets of each camera.
 /// @param exact_limit  sets that are summed at most in a group; 0: always
 ///     belief propagation.
+/// @param max_iterations  of the propagation.
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
-                      std::vector<Candidate>* candidates, int exact_limit = 20000);
+                      std::vector<Candidate>* candidates, int exact_limit = 500,
+                      int max_iterations = 100);
 
 /// Probability that all targets of each candidate belong to one point: its own
 /// and those of the candidates that contain it.

@@ -17,6 +17,8 @@ namespace {
 constexpr std::size_t kMaxCameras = 64;
 constexpr int kStatisticsRounds = 3;
 constexpr int kSurfaceRounds = 3;
+// Enough for the statistics.
+constexpr int kRoughSets = 30, kRoughIterations = 12;
 // A target with this probability of being in some match is ambiguous, not outvoted.
 constexpr double kAmbiguous = 0.1;
 // What the user has said.
@@ -224,7 +226,7 @@ void StageMatcher::Take(const Candidate& candidate) {
 // Probabilities and statistics in turns.
 std::vector<double> StageMatcher::WeighAll() {
   for (int round = 0; round < kStatisticsRounds; ++round) {
-    SetProbabilities(num_targets_, &candidates_);
+    SetProbabilities(num_targets_, &candidates_, kRoughSets, kRoughIterations);
     statistics_ = EstimateStatistics(views_, targets_, candidates_, known_, statistics_);
     for (Candidate& candidate : candidates_) candidate.score = statistics_.Score(candidate);
   }

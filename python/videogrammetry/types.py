@@ -330,6 +330,48 @@ class Matches:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlatTargets:
+    """Targets of one camera over S stages, one after another.
+
+    Attributes
+    ----------
+    offsets : (S + 1,) those of stage s are ``offsets[s]:offsets[s + 1]``.
+    centre_px : (M, 2). cov_px2 : (M, 3) xx, xy, yy. id : (M,) code number or -1.
+    semi_major_px : (M,) 0 where unknown.
+    """
+
+    offsets: npt.NDArray[np.int64]
+    centre_px: FloatArray
+    cov_px2: FloatArray
+    id: IntArray
+    semi_major_px: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageMatches:
+    """Matches over S stages, one after another.
+
+    Attributes
+    ----------
+    offsets : (S + 1,) those of stage s are ``offsets[s]:offsets[s + 1]``.
+    target : (P, C) index within the stage's and camera's targets, -1 = not seen.
+    id, chi2, log_odds, false_probability : (P,) as in :class:`Matches`.
+    status : a camera: (M,) index into ``matching.TARGET_STATUS`` of all its targets.
+    """
+
+    offsets: npt.NDArray[np.int64]
+    target: IntArray
+    id: IntArray
+    chi2: FloatArray
+    log_odds: FloatArray
+    false_probability: FloatArray
+    status: tuple[npt.NDArray[np.uint8], ...]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(frozen=True, kw_only=True)
 class StagePoints:
     """The points of one stage.
 

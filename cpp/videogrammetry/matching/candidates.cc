@@ -29,23 +29,6 @@ constexpr int kCurvePieces = 8;
 // Enough to tell how large the space is.
 constexpr std::size_t kVolumePairs = 1000, kVolumeTargets = 100;
 
-// Upper limit of chi2 with d degrees of freedom at the two-sided level of the
-// normal quantile z: Wilson-Hilferty (1931), good to a per cent here.
-double ChiSquareLimit(int dof, double z) {
-  if (dof == 1) return z * z;
-  // One-sided normal quantile of the same level, for z in the range used.
-  const double level = std::erfc(z / std::numbers::sqrt2);
-  double one_sided = z;
-  for (int i = 0; i < 30; ++i) {
-    const double p = 0.5 * std::erfc(one_sided / std::numbers::sqrt2);
-    const double slope = std::exp(-0.5 * one_sided * one_sided) / std::sqrt(2 * std::numbers::pi);
-    if (!(slope > 0)) break;
-    one_sided += (p - level) / slope;
-  }
-  const double k = 2.0 / (9.0 * dof);
-  return dof * std::pow(1.0 - k + one_sided * std::sqrt(k), 3);
-}
-
 // x_b^T E x_a = 0 for b_from_a = (R, t): E = [t]_x R.
 Eigen::Matrix3d EssentialMatrix(const OrientedCamera& a, const OrientedCamera& b) {
   const Rigid3 b_from_a = b.cam_from_world * a.cam_from_world.Inverse();
@@ -99,6 +82,21 @@ bool RaysMeet(const TargetView& a, std::size_t i, const TargetView& b, std::size
 bool IdsAgree(int a, int b) { return a < 0 || b < 0 || a == b; }
 
 }  // namespace
+
+double ChiSquareLimit(int dof, double z) {
+  if (dof == 1) return z * z;
+  // One-sided normal quantile of the same level, for z in the range used.
+  const double level = std::erfc(z / std::numbers::sqrt2);
+  double one_sided = z;
+  for (int i = 0; i < 30; ++i) {
+    const double p = 0.5 * std::erfc(one_sided / std::numbers::sqrt2);
+    const double slope = std::exp(-0.5 * one_sided * one_sided) / std::sqrt(2 * std::numbers::pi);
+    if (!(slope > 0)) break;
+    one_sided += (p - level) / slope;
+  }
+  const double k = 2.0 / (9.0 * dof);
+  return dof * std::pow(1.0 - k + one_sided * std::sqrt(k), 3);
+}
 
 bool Candidate::Contains(const Candidate& smaller) const {
   return std::all_of(smaller.used.begin(), smaller.used.end(), [&](const ViewTarget& s) {

@@ -9,6 +9,10 @@
 
 namespace videogrammetry {
 
+/// Upper limit of chi2 with d degrees of freedom at the two-sided level of the
+/// normal quantile z: Wilson-Hilferty (1931), good to a per cent here.
+double ChiSquareLimit(int dof, double z);
+
 /// A set of targets, at most one a camera, whose rays meet within the gate.
 struct Candidate {
   std::vector<ViewTarget> used;  // cameras ascending

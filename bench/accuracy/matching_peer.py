@@ -49,15 +49,16 @@ def control(cameras, size, pixel_mm, layers=None):
     """ControlParams; ``layers`` = (n1, n2, thickness, n3) of what the cameras look through."""
     from optv.parameters import ControlParams
 
-    parameters = ControlParams(cameras)
-    parameters.set_image_size(size)
-    parameters.set_pixel_size((pixel_mm, pixel_mm))
     n1, n2, thickness, n3 = layers or (1.0, 1.0, 1.0, 1.0)
-    media = parameters.get_multimedia_params()
-    media.set_n1(n1)
-    media.set_layers([n2], [thickness])
-    media.set_n3(n3)
-    return parameters
+    return ControlParams(
+        cameras,
+        image_size=size,
+        pixel_size=(pixel_mm, pixel_mm),
+        cam_side_n=n1,
+        wall_ns=[n2],
+        wall_thicks=[thickness],
+        object_side_n=n3,
+    )
 
 
 def volume(x_range, z_range, eps_mm, ratio=0.02, corrmin=33.0):

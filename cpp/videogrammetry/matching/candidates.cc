@@ -114,9 +114,9 @@ StageStatistics StageStatistics::Start(const std::vector<CameraView>& cameras,
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const auto n = static_cast<double>(targets[c].size());
     mean += n / static_cast<double>(cameras.size());
-    statistics.log_lone.push_back(std::log(std::max(0.3 * n, 1.0) / cameras[c].area()));
+    statistics.log_lone.push_back(std::log(std::max(n, 1.0) / cameras[c].area()));
   }
-  statistics.log_density = std::log(std::max(0.7 * mean, 1.0) / volume_mm3);
+  statistics.log_density = std::log(std::max(0.5 * mean, 1.0) / volume_mm3);
   const auto n = static_cast<Eigen::Index>(cameras.size());
   statistics.seen = Eigen::MatrixXd::Constant(n, n, 0.8);
   return statistics;

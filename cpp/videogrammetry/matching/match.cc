@@ -15,7 +15,9 @@ namespace videogrammetry {
 namespace {
 
 constexpr std::size_t kMaxCameras = 64;
-constexpr int kStatisticsRounds = 3;
+constexpr int kStatisticsRounds = 8;
+// A change of the log odds that is none.
+constexpr double kSettled = 0.1;
 constexpr int kSurfaceRounds = 3;
 // Enough for the statistics.
 constexpr int kRoughSets = 30, kRoughIterations = 12;
@@ -227,8 +229,14 @@ void StageMatcher::Take(const Candidate& candidate) {
 std::vector<double> StageMatcher::WeighAll() {
   for (int round = 0; round < kStatisticsRounds; ++round) {
     SetProbabilities(num_targets_, &candidates_, kRoughSets, kRoughIterations);
-    statistics_ = EstimateStatistics(views_, targets_, candidates_, known_, statistics_);
+    const StageStatistics before = statistics_;
+    statistics_ = EstimateStatistics(views_, targets_, candidates_, known_, before);
+    double change = std::abs(statistics_.log_density - before.log_density);
+    for (std::size_t c = 0; c < views_.size(); ++c) {
+      change = std::max(change, std::abs(statistics_.log_lone[c] - before.log_lone[c]));
+    }
     for (Candidate& candidate : candidates_) candidate.score = statistics_.Score(candidate);
+    if (change < kSettled) break;
   }
   SetProbabilities(num_targets_, &candidates_);
   return ProbabilitiesOfOnePoint(num_targets_, candidates_);

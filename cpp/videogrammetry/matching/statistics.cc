@@ -15,6 +15,11 @@ constexpr double kLeastSeen = 0.005, kMostSeen = 0.995;
 // A box is no flatter than this share of its longest side: points on a panel are near it.
 constexpr double kFlattest = 0.05;
 constexpr double kFewPoints = 5.0;
+// Detections are counted on points of this probability: among many unlikely pairs, most of
+// them chance, no camera seems to see what another does.
+constexpr double kProven = 0.9;
+// Lone targets are this share of all at least.
+constexpr double kLeastLone = 0.02;
 
 // Sums of the weighted points' positions.
 struct Cloud {
@@ -73,7 +78,9 @@ StageStatistics EstimateStatistics(const std::vector<CameraView>& cameras,
     if (weight < 1e-3) return;
     for (const ViewTarget& s : candidate.used) lone[static_cast<std::size_t>(s.camera)] -= weight;
     cloud.Add(candidate.point.position_mm, weight);
-    if (cameras.size() > 2) CountDetections(candidate, weight, &hits, &trials);
+    if (cameras.size() > 2 && weight > kProven) {
+      CountDetections(candidate, weight, &hits, &trials);
+    }
   };
   for (const Candidate& candidate : candidates) count(candidate, candidate.probability);
   for (const Candidate& candidate : known) count(candidate, 1.0);
@@ -81,7 +88,7 @@ StageStatistics EstimateStatistics(const std::vector<CameraView>& cameras,
   StageStatistics statistics = before;
   statistics.seen = hits.cwiseQuotient(trials).cwiseMax(kLeastSeen).cwiseMin(kMostSeen);
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    statistics.log_lone[c] = std::log((std::max(lone[c], 0.0) + 1.0) / cameras[c].area());
+    statistics.log_lone[c] = std::log((std::max(lone[c], kLeastLone * static_cast<double>(targets[c].size())) + 1.0) / cameras[c].area());
   }
   if (cloud.count >= kFewPoints) {
     statistics.log_density = std::log(cloud.count / cloud.Volume(&statistics.box_information));

@@ -12,7 +12,7 @@ namespace {
 
 const double kLogTwoPi = std::log(2 * std::numbers::pi);
 // Candidates of lower log odds take no measurable part in anything.
-constexpr double kHopeless = -9.0;
+constexpr double kHopeless = -7.0;
 // A seed grows into this many sets at most.
 constexpr int kMaxLeaves = 24;
 // A target that adds less than this to the log odds may as well be another's.
@@ -25,7 +25,7 @@ constexpr std::size_t kMaxContested = 3;
 // Two pictures within this many semi-axes of one another may be one target.
 constexpr double kMergeAxes = 2.5;
 constexpr double kMergedShare = 0.5;
-constexpr int kCurvePieces = 8;
+constexpr int kCurveSteps = 18;
 // Enough to tell how large the space is.
 constexpr std::size_t kVolumePairs = 1000, kVolumeTargets = 100;
 
@@ -261,15 +261,14 @@ std::vector<Eigen::Vector2d> CandidateFinder::EpipolarCurve(std::size_t a, std::
   const Eigen::Vector3d origin = targets_[a].origin(i);
   const Eigen::Vector3d direction = targets_[a].direction(i).normalized();
   const double away = (cameras_[b].center() - cameras_[a].center()).norm();
-  // Geometric steps from a hundredth of the base to thirty times it; what leaves the
+  // Geometric steps from a twentieth of the base to ten times it; what leaves the
   // picture is cut off, with one step more on either side.
-  constexpr int kSteps = 4 * kCurvePieces;
   Eigen::Vector2d before = Eigen::Vector2d::Zero();
   bool had = false, in = false;
-  const double least = options_.min_distance_mm > 0 ? 0.5 * options_.min_distance_mm : 0.01 * away;
-  const double most = options_.max_distance_mm > 0 ? options_.max_distance_mm : 30.0 * away;
-  for (int k = 0; k <= kSteps; ++k) {
-    const double t = least * std::pow(most / least, static_cast<double>(k) / kSteps);
+  const double least = options_.min_distance_mm > 0 ? 0.5 * options_.min_distance_mm : 0.05 * away;
+  const double most = options_.max_distance_mm > 0 ? options_.max_distance_mm : 10.0 * away;
+  for (int k = 0; k <= kCurveSteps; ++k) {
+    const double t = least * std::pow(most / least, static_cast<double>(k) / kCurveSteps);
     Eigen::Vector2d xy;
     if (!cameras_[b].Project(origin + t * direction, &xy)) continue;
     const bool inside = cameras_[b].InPicture(xy);

@@ -8,8 +8,8 @@
 namespace videogrammetry {
 namespace {
 
-// A candidate of these log odds has a thousandth at most and is left out.
-constexpr double kNegligible = -7.0;
+// A candidate of these log odds has half a hundredth at most and is left out.
+constexpr double kNegligible = -5.3;
 constexpr double kDamping = 0.3;
 constexpr double kConverged = 1e-4;
 

@@ -20,7 +20,7 @@ constexpr int kStatisticsRounds = 8;
 constexpr double kSettled = 0.1;
 constexpr int kSurfaceRounds = 3;
 // Enough for the statistics.
-constexpr int kRoughSets = 30, kRoughIterations = 12;
+constexpr int kRoughSets = 30, kRoughIterations = 6;
 // A target with this probability of being in some match is ambiguous, not outvoted.
 constexpr double kAmbiguous = 0.1;
 // What the user has said.

@@ -79,11 +79,11 @@ Count Judge(const Scene& scene, const MatchResult& result) {
   return count;
 }
 
-std::vector<Eigen::Vector3d> Cloud(int n, std::mt19937* random) {
+std::vector<Eigen::Vector3d> Cloud(int n, std::mt19937* random, double depth = 12000) {
   std::uniform_real_distribution<double> across(-1500, 1500);
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < n; ++i) {
-    points.emplace_back(across(*random), across(*random), 12000 + across(*random));
+    points.emplace_back(across(*random), across(*random), depth + across(*random));
   }
   return points;
 }
@@ -233,13 +233,13 @@ TEST(Matching, UpToSixtyFourCameras) {
     std::mt19937 random(10);
     Rig rig;
     for (int i = 0; i < n; ++i) {
-      const double angle = 6.2832 * i / n;
+      const double angle = n == 2 ? 0.8 * i : 6.2832 * i / n;
       Camera camera{1280, 1024, {}, 500.0, DistortionDirection::kMeasured};
       camera.interior << 2650, 20, -15, -2e-8, 0, 0, 6e-8, -7e-7, 0, 0;
       rig.push_back({camera, Rigid3{RotationFromVector({0.1 * (i % 3), angle + 0.2, 0}),
                                     {0, 0, 12000}}});
     }
-    const Scene scene = Picture(rig, Cloud(30, &random), 0, &random);
+    const Scene scene = Picture(rig, Cloud(30, &random, 0), 0, &random);
     const MatchResult result = MatchStage(rig, scene.cameras);
     const Count count = Judge(scene, result);
     EXPECT_EQ(count.wrong, 0) << n;
@@ -266,7 +266,7 @@ TEST(Matching, GroupsWithoutACommonView) {
     rig.push_back({camera, Rigid3{RotationFromVector({up, 0, 0}) * RotationFromVector({0, angle, 0}),
                                   {0, 0, 12000}}});
   }
-  std::vector<Eigen::Vector3d> front = Cloud(30, &random), back = Cloud(30, &random);
+  std::vector<Eigen::Vector3d> front = Cloud(30, &random, 0), back = Cloud(30, &random, 0);
   std::vector<Eigen::Vector3d> points = front;
   points.insert(points.end(), back.begin(), back.end());
   Scene scene = Picture(rig, points, 0, &random);

@@ -9,10 +9,11 @@ pixels (f = 2500 px): Gaussian blobs of sigma 1.5 px, 60 to 200 grey values high
 rig; `drawn`: a rig drawn from the covariance that 60 known points at 0.1 px give each camera
 (f, x0, y0 and pose free), and matching is told that covariance.
 
-A particle's pictures *merge* where another's true picture is within 3 sigma of it in any of the
-cameras: those are counted apart. `true`: share of the separate particles, seen in the pictures
-of all cameras, with a match that has the right target of every camera; `part`: with one whose
-targets are all right, but a camera is missing. `merged`: the same two together for those that
+A particle's pictures *merge* where another's true picture is within 5 sigma of it in any of the
+cameras (recognition finds one target there as often as two): those are counted apart.
+`recognised`: share of the separate particles, in the pictures of all cameras, that recognition
+found in all of them; `true`: share of these with a match that has the right target of every
+camera; `part`: with one whose targets are all right, but a camera is missing. `merged`: the same two together for those that
 merge. `wrong`: matches a stage with a target of another particle. Bars: the share of `true` and
 the wrong ones a stage, for 4 and for 3 cameras; two cameras have none. `ms`: matching alone.
 OpenPTV's tolerance is the best, by true less wrong, of 0.25, 0.5 and 1 px.
@@ -35,6 +36,7 @@ from videogrammetry.geometry import rotation_from_vector, rotation_looking_at
 from videogrammetry.geometry import project_from_world as project
 from videogrammetry.matching import MatchingOptions, match_stage
 from videogrammetry.recognition import RecognitionOptions, recognize
+from videogrammetry.report.chart import Series, chart
 from videogrammetry.types import RigCamera, RigData
 
 SIZE, F_PX, PIXEL_MM = (1280, 1024), 2500.0, 0.012
@@ -169,10 +171,13 @@ def score(target, centres, truth):
     complete[own[(own >= 0) & whole]] = True
     some[own[own >= 0]] = True
     separate, merged = counted & alone, counted & ~alone
+    found = separate.copy()
+    for c, xy in enumerate(centres):
+        found &= np.linalg.norm(truth[:, c, None] - xy, axis=2).min(axis=1) < 1.0
     return np.array(
         [
-            (complete & separate).sum(), (some & ~complete & separate).sum(), separate.sum(),
-            (some & merged).sum(), merged.sum(), (own < 0).sum(),
+            (complete & found).sum(), (some & ~complete & found).sum(), found.sum(),
+            (some & merged).sum(), merged.sum(), (own < 0).sum(), separate.sum(),
         ],
         dtype=float,
     )  # fmt: skip
@@ -204,12 +209,13 @@ def theirs(rig, targets):
 
 
 def line(name, sums, stages, seconds, bar, note=""):
-    true, part, separate, merged, merging_, wrong = sums
-    share = 100 * true / max(separate, 1)
+    true, part, found, merged, merging_, wrong, separate = sums
+    share = 100 * true / max(found, 1)
     missed = ""
     if bar is not None:
         missed = "" if share >= bar[0] and wrong / stages <= bar[1] else "  MISSED"
-    print(f"  {name:9} true {share:6.2f} %  part {100 * part / max(separate, 1):5.2f} %  merged "
+    print(f"  {name:9} recognised {100 * found / max(separate, 1):5.1f} % of {separate / stages:5.1f}  "
+          f"true {share:6.2f} %  part {100 * part / max(found, 1):5.2f} %  merged "
           f"{100 * merged / max(merging_, 1):5.1f} % of {merging_ / stages:5.1f}  wrong "
           f"{wrong / stages:7.2f}  {1e3 * seconds:8.2f} ms{note}{missed}", flush=True)  # fmt: skip
 
@@ -222,12 +228,12 @@ def main():
     args = parser.parse_args()
     with_peer = peer.available()
     everything = MatchingOptions(min_log_odds=0.0)
-    false, really = [], []
+    false, really, many = [], [], []
     for number in args.sizes:
         stages = [seen(number, np.random.default_rng(1000 * number + s)) for s in range(args.stages)]
         for kind in ("perfect", "drawn"):
             for count in (4, 3, 2):
-                sums, peer_sums, times, peer_times = np.zeros(6), np.zeros((3, 6)), [], [[], [], []]
+                sums, peer_sums, times, peer_times = np.zeros(7), np.zeros((3, 7)), [], [[], [], []]
                 for s, (_, truth, targets) in enumerate(stages):
                     rng = np.random.default_rng(17 + s)
                     rig, covs = cameras(), [np.zeros((9, 9))] * 4
@@ -249,6 +255,7 @@ def main():
                         loose = match_stage(data, own, everything, extra)
                         false.append(loose.false_probability)
                         really.append(judged(loose.target, centres, places) < 0)
+                        many.append(np.full(len(loose), count))
                     if with_peer:
                         for k, (_, target, spent) in enumerate(theirs(data.cameras, own)):
                             peer_sums[k] += score(target, centres, places)
@@ -262,19 +269,35 @@ def main():
                     line("OpenPTV", peer_sums[best], args.stages, min(peer_times[best]), None,
                          f"  (at {(0.25, 0.5, 1.0)[best]} px)")
     if false:
-        reliability(np.concatenate(false), np.concatenate(really), args.pictures)
+        stated, so, number = (np.concatenate(a) for a in (false, really, many))
+        groups = {f"{n} cameras": number == n for n in (4, 3, 2)}
+        reliability(stated, so, groups, args.pictures)
 
 
-def reliability(false, really, pictures):
-    edges = np.array([0, 1e-6, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0])
-    print("\nstated probability of a false match beside what was so")
-    print(f"{'from':>8} {'to':>8} {'matches':>8} {'stated':>9} {'false':>9} {'+-':>8}")
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
-        own = (false >= low) & (false < high)
-        if own.any():
-            stated, so = false[own].mean(), really[own].mean()
-            sigma = np.sqrt(max(stated * (1 - stated), 0) / own.sum())
-            print(f"{low:8.1g} {high:8.1g} {own.sum():8d} {stated:9.5f} {so:9.5f} {sigma:8.5f}")
+def reliability(false, really, groups, pictures):
+    edges = np.array([0, 1e-6, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5])
+    print("\nstated probability of a false match beside the share that was false")
+    series = [Series(name="as stated", x=[1e-3, 0.5], y=[1e-3, 0.5], dashed=True)]
+    for name, group in groups.items():
+        print(f"{name}\n{'from':>8} {'to':>8} {'matches':>8} {'stated':>9} {'false':>9} {'+-':>8}")
+        points = []
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            own = group & (false >= low) & (false < high + 1e-12)
+            if own.any():
+                stated, so = false[own].mean(), really[own].mean()
+                sigma = np.sqrt(max(stated * (1 - stated), 0) / own.sum())
+                points.append((stated, so, sigma))
+                print(f"{low:8.1g} {high:8.1g} {own.sum():8d} {stated:9.5f} {so:9.5f} {sigma:8.5f}")
+        x, y, sigma = np.array(points).T
+        series.append(Series(name=name, x=x, y=y, sigma=sigma, line=False, points=True))
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
+        drawn = chart(
+            series, x_label="stated probability that a match is false",
+            y_label="share that was false", x_range=(0.0, 0.5), y_range=(0.0, 0.6),
+            label="reliability of the stated probability of a false match",
+        )  # fmt: skip
+        (pictures / "matching-reliability.svg").write_text(drawn)
 
 
 if __name__ == "__main__":

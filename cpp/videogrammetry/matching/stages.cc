@@ -435,7 +435,9 @@ class Chunk {
         PointEstimate point;
         point.position_mm = track.position_mm;
         double gain = 0;
-        if (!FindPredicted(stage, track.id, track.cov_pp, &point, &gain) ||
+        // What the user has decided about a stage stands.
+        if (edits_.contains(stage) ||
+            !FindPredicted(stage, track.id, track.cov_pp, &point, &gain) ||
             track.log_odds + gain < options_.min_log_odds) {
           return ++track.missed > kMaxMissed;
         }

@@ -13,9 +13,9 @@ A particle's pictures *merge* where another's true picture is within 5 sigma of 
 cameras (recognition finds one target there as often as two): those are counted apart.
 `recognised`: share of the separate particles, in the pictures of all cameras, that recognition
 found in all of them; `true`: share of these with a match that has the right target of every
-camera; `part`: with one whose targets are all right, but a camera is missing. `merged`: the same two together for those that
-merge. `wrong`: matches a stage with a target of another particle. Bars: the share of `true` and
-the wrong ones a stage, for 4 and for 3 cameras; two cameras have none. `ms`: matching alone.
+camera; `part`: with one whose targets are all right, but a camera is missing. `merged`: the same
+two together, of all that merge. `wrong`: matches a stage with a target of another particle. Bars:
+the share of `true` and the wrong ones a stage, for 4 and for 3 cameras; two cameras have none. `ms`: matching alone.
 OpenPTV's tolerance is the best, by true less wrong, of 0.25, 0.5 and 1 px.
 
 Last, how far the stated probability of a false match is right: matches accepted and not, by
@@ -27,13 +27,14 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import matching_peer as peer
 import numpy as np
 
-from videogrammetry.geometry import rotation_from_vector, rotation_looking_at
 from videogrammetry.geometry import project_from_world as project
+from videogrammetry.geometry import rotation_from_vector, rotation_looking_at
 from videogrammetry.matching import MatchingOptions, match_stage
 from videogrammetry.recognition import RecognitionOptions, recognize
 from videogrammetry.report.chart import Series, chart
@@ -214,8 +215,9 @@ def line(name, sums, stages, seconds, bar, note=""):
     missed = ""
     if bar is not None:
         missed = "" if share >= bar[0] and wrong / stages <= bar[1] else "  MISSED"
-    print(f"  {name:9} recognised {100 * found / max(separate, 1):5.1f} % of {separate / stages:5.1f}  "
-          f"true {share:6.2f} %  part {100 * part / max(found, 1):5.2f} %  merged "
+    print(f"  {name:9} recognised {100 * found / max(separate, 1):5.1f} % "
+          f"of {separate / stages:5.1f}  true {share:6.2f} %  "
+          f"part {100 * part / max(found, 1):5.2f} %  merged "
           f"{100 * merged / max(merging_, 1):5.1f} % of {merging_ / stages:5.1f}  wrong "
           f"{wrong / stages:7.2f}  {1e3 * seconds:8.2f} ms{note}{missed}", flush=True)  # fmt: skip
 
@@ -230,7 +232,9 @@ def main():
     everything = MatchingOptions(min_log_odds=0.0)
     false, really, many = [], [], []
     for number in args.sizes:
-        stages = [seen(number, np.random.default_rng(1000 * number + s)) for s in range(args.stages)]
+        stages = [
+            seen(number, np.random.default_rng(1000 * number + s)) for s in range(args.stages)
+        ]
         for kind in ("perfect", "drawn"):
             for count in (4, 3, 2):
                 sums, peer_sums, times, peer_times = np.zeros(7), np.zeros((3, 7)), [], [[], [], []]
@@ -261,13 +265,21 @@ def main():
                             peer_sums[k] += score(target, centres, places)
                             peer_times[k].append(spent)
                 bar = BARS.get(number) if count > 2 else None
-                print(f"N = {number}, {kind} calibration, {count} cameras, "
-                      f"{np.mean([len(t) for _, _, ts in stages for t in ts]):.0f} targets")
+                print(
+                    f"N = {number}, {kind} calibration, {count} cameras, "
+                    f"{np.mean([len(t) for _, _, ts in stages for t in ts]):.0f} targets"
+                )
                 line("ours", sums, args.stages, min(times), bar)
                 if with_peer:
                     best = int(np.argmax(peer_sums[:, 0] - peer_sums[:, 5]))
-                    line("OpenPTV", peer_sums[best], args.stages, min(peer_times[best]), None,
-                         f"  (at {(0.25, 0.5, 1.0)[best]} px)")
+                    line(
+                        "OpenPTV",
+                        peer_sums[best],
+                        args.stages,
+                        min(peer_times[best]),
+                        None,
+                        f"  (at {(0.25, 0.5, 1.0)[best]} px)",
+                    )
     if false:
         stated, so, number = (np.concatenate(a) for a in (false, really, many))
         groups = {f"{n} cameras": number == n for n in (4, 3, 2)}
@@ -281,7 +293,7 @@ def reliability(false, really, groups, pictures):
     for name, group in groups.items():
         print(f"{name}\n{'from':>8} {'to':>8} {'matches':>8} {'stated':>9} {'false':>9} {'+-':>8}")
         points = []
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in pairwise(edges):
             own = group & (false >= low) & (false < high + 1e-12)
             if own.any():
                 stated, so = false[own].mean(), really[own].mean()

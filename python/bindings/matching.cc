@@ -76,21 +76,22 @@ py::array_t<To> Copied(const std::vector<From>& values) {
 py::dict ToDict(const StageMatches& result, std::size_t cameras) {
   py::list status;
   for (const auto& camera : result.status) status.append(Copied<std::uint8_t>(camera));
-  return py::dict(
-      "offsets"_a = Copied<std::int64_t>(result.offsets),
-      "target"_a = Copied<std::int32_t>(result.target)
-                       .reshape({static_cast<py::ssize_t>(result.id.size()),
-                                 static_cast<py::ssize_t>(cameras)}),
-      "id"_a = Copied<std::int32_t>(result.id), "chi2"_a = Copied<double>(result.chi2),
-      "log_odds"_a = Copied<double>(result.log_odds),
-      "false_probability"_a = Copied<double>(result.false_probability), "status"_a = status);
+  return py::dict("offsets"_a = Copied<std::int64_t>(result.offsets),
+                  "target"_a = Copied<std::int32_t>(result.target)
+                                   .reshape({static_cast<py::ssize_t>(result.id.size()),
+                                             static_cast<py::ssize_t>(cameras)}),
+                  "id"_a = Copied<std::int32_t>(result.id), "chi2"_a = Copied<double>(result.chi2),
+                  "log_odds"_a = Copied<double>(result.log_odds),
+                  "false_probability"_a = Copied<double>(result.false_probability),
+                  "status"_a = status);
 }
 
 // (N, 2) camera and target.
 std::vector<ViewTarget> MakeViewTargets(const Array<std::int32_t>& rows) {
   if (rows.size() % 2 != 0) throw std::invalid_argument("edits: expected rows (camera, target)");
   std::vector<ViewTarget> set;
-  for (py::ssize_t i = 0; i < rows.size(); i += 2) set.push_back({rows.data()[i], rows.data()[i + 1]});
+  for (py::ssize_t i = 0; i < rows.size(); i += 2)
+    set.push_back({rows.data()[i], rows.data()[i + 1]});
   return set;
 }
 
@@ -110,21 +111,23 @@ void BindMatching(py::module_& parent) {
       .def_readwrite("max_distance_mm", &MatchingOptions::max_distance_mm);
   py::class_<MatchEdits>(m, "MatchEdits")
       .def(py::init<>())
-      .def("put_together",
-           [](MatchEdits& edits, const Array<std::int32_t>& targets) {
-             edits.together.push_back(MakeViewTargets(targets));
-           },
-           "targets"_a)
-      .def("keep_apart",
-           [](MatchEdits& edits, const Array<std::int32_t>& targets) {
-             const std::vector<ViewTarget> pair = MakeViewTargets(targets);
-             if (pair.size() != 2) {
-               throw std::invalid_argument("edits: apart expects two targets, got " +
-                                           std::to_string(pair.size()));
-             }
-             edits.apart.emplace_back(pair[0], pair[1]);
-           },
-           "targets"_a);
+      .def(
+          "put_together",
+          [](MatchEdits& edits, const Array<std::int32_t>& targets) {
+            edits.together.push_back(MakeViewTargets(targets));
+          },
+          "targets"_a)
+      .def(
+          "keep_apart",
+          [](MatchEdits& edits, const Array<std::int32_t>& targets) {
+            const std::vector<ViewTarget> pair = MakeViewTargets(targets);
+            if (pair.size() != 2) {
+              throw std::invalid_argument("edits: apart expects two targets, got " +
+                                          std::to_string(pair.size()));
+            }
+            edits.apart.emplace_back(pair[0], pair[1]);
+          },
+          "targets"_a);
   py::class_<FlatTargets>(m, "FlatTargets")
       .def(py::init([](const Array<std::int64_t>& offsets, const CameraTargets& targets) {
              FlatTargets flat;
@@ -153,8 +156,8 @@ void BindMatching(py::module_& parent) {
       "rig"_a, "cameras"_a, "options"_a, "edits"_a);
   m.def(
       "match_stage",
-      [](const Rig& rig, const std::vector<CameraTargets>& cameras,
-         const MatchingOptions& options, const MatchEdits& edits) {
+      [](const Rig& rig, const std::vector<CameraTargets>& cameras, const MatchingOptions& options,
+         const MatchEdits& edits) {
         MatchResult result;
         {
           const py::gil_scoped_release release;

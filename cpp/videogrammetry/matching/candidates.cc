@@ -107,8 +107,7 @@ bool Candidate::Contains(const Candidate& smaller) const {
 }
 
 StageStatistics StageStatistics::Start(const std::vector<CameraView>& cameras,
-                                       const std::vector<TargetView>& targets,
-                                       double volume_mm3) {
+                                       const std::vector<TargetView>& targets, double volume_mm3) {
   StageStatistics statistics;
   double mean = 0;
   for (std::size_t c = 0; c < cameras.size(); ++c) {
@@ -307,8 +306,7 @@ template <typename Function>
 void CandidateFinder::ForPairs(std::size_t a, std::size_t b,
                                const std::vector<std::vector<char>>& free, std::size_t every,
                                Function f) const {
-  const Eigen::Matrix3d essential =
-      EssentialMatrix(cameras_[a].oriented(), cameras_[b].oriented());
+  const Eigen::Matrix3d essential = EssentialMatrix(cameras_[a].oriented(), cameras_[b].oriented());
   const bool curved = cameras_[a].has_window() || cameras_[b].has_window();
   const TargetView &own = targets_[a], &other = targets_[b];
   std::vector<int> near;
@@ -333,8 +331,7 @@ void CandidateFinder::ForPairs(std::size_t a, std::size_t b,
       }
       reach = options_.critical_value * std::hypot(1.5 * sigma_a, 1.5 * other.max_sigma()) + bend;
     } else {
-      const Eigen::Vector3d line =
-          essential * Eigen::Vector3d(own.xy(i).x(), own.xy(i).y(), 1.0);
+      const Eigen::Vector3d line = essential * Eigen::Vector3d(own.xy(i).x(), own.xy(i).y(), 1.0);
       const double norm = line.head<2>().norm();
       if (!(norm > 0)) continue;
       const Eigen::Vector2d foot = -line.z() * line.head<2>() / (norm * norm);
@@ -345,8 +342,9 @@ void CandidateFinder::ForPairs(std::size_t a, std::size_t b,
       double most = 0;
       for (const double t : {-1.0, 1.0}) {
         const Eigen::Vector2d end = foot + t * std::min(half, 2.0) * along;
-        most = std::max(most, (essential.leftCols<2>().transpose() *
-                               Eigen::Vector3d(end.x(), end.y(), 1)).norm());
+        most = std::max(
+            most,
+            (essential.leftCols<2>().transpose() * Eigen::Vector3d(end.x(), end.y(), 1)).norm());
       }
       reach = options_.critical_value * std::hypot(sigma_a * most / norm, 1.5 * other.max_sigma());
     }
@@ -576,8 +574,8 @@ void CandidateFinder::Grow(const std::vector<std::vector<char>>& free,
     if (!cameras_[c].Project(candidate->point.position_mm, &xy, &by)) continue;
     NearTargets(candidate->point, c, candidate->id, free, &near, &xy, &by);
     if (near.size() != 1) continue;
-    const double gain = -kLogTwoPi - 0.5 * near[0].log_det - 0.5 * near[0].distance2 -
-                        statistics.log_lone[c];
+    const double gain =
+        -kLogTwoPi - 0.5 * near[0].log_det - 0.5 * near[0].distance2 - statistics.log_lone[c];
     if (gain < kSureGain) continue;
     std::vector<ViewTarget> used = candidate->used;
     used.push_back({static_cast<int>(c), near[0].target});

@@ -35,7 +35,7 @@ struct StageStatistics {
   std::vector<double> log_lone;  ///< a camera: targets of no match per unit of normalised picture
   /// Inverse of the points' covariance about their mean (their box); 0 = unknown.
   Eigen::Matrix3d box_information = Eigen::Matrix3d::Zero();
-  Eigen::MatrixXd seen;          ///< (c, a): probability that c has a target of what a has one of
+  Eigen::MatrixXd seen;  ///< (c, a): probability that c has a target of what a has one of
 
   /// Before anything is matched.
   static StageStatistics Start(const std::vector<CameraView>& cameras,

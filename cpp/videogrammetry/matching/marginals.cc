@@ -68,8 +68,8 @@ class Enumeration {
       std::vector<std::size_t> against;
       for (const ViewTarget& s : candidates[group[i]].used) {
         for (const std::size_t k : claims.At(s)) {
-          const auto j = static_cast<std::size_t>(
-              std::lower_bound(group.begin(), group.end(), k) - group.begin());
+          const auto j = static_cast<std::size_t>(std::lower_bound(group.begin(), group.end(), k) -
+                                                  group.begin());
           if (j > i) against.push_back(j);
         }
       }
@@ -131,8 +131,8 @@ double RestWithout(std::size_t e, const std::vector<double>& log_m,
   return rest;
 }
 
-void Propagate(const std::vector<std::size_t>& group, const Claims& claims,
-               int max_iterations, std::vector<Candidate>* candidates) {
+void Propagate(const std::vector<std::size_t>& group, const Claims& claims, int max_iterations,
+               std::vector<Candidate>* candidates) {
   // Edges: a candidate and one of its targets.
   std::vector<std::size_t> first(group.size() + 1, 0), number;
   for (std::size_t i = 0; i < group.size(); ++i) {
@@ -169,8 +169,8 @@ void Propagate(const std::vector<std::size_t>& group, const Claims& claims,
       const std::size_t t = number[e];
       // 1 + the sum without this one, which may be nearly all of it.
       const double own = std::exp(log_m[e] - most[t]);
-      const double rest = own > 0.5 * sum[t] ? RestWithout(e, log_m, edges_at[t], most[t])
-                                             : sum[t] - own;
+      const double rest =
+          own > 0.5 * sum[t] ? RestWithout(e, log_m, edges_at[t], most[t]) : sum[t] - own;
       const double log_rest = std::log(std::exp(-most[t]) + rest) + most[t];
       const double fresh = -std::max(log_rest, 0.0);
       const double next = (1 - kDamping) * fresh + kDamping * log_n[e];

@@ -276,8 +276,8 @@ std::vector<ReliablePoint> StageMatcher::Reliable(const std::vector<double>& pro
 void StageMatcher::Accept() {
   const std::vector<double> probability = ProbabilitiesOfOnePoint(num_targets_, candidates_);
   for (std::size_t k = 0; k < known_.size(); ++k) {
-    Report(known_[k], by_user_[k] ? kCertainLogOdds
-                                  : std::clamp(statistics_.Score(known_[k]), 0.0, 700.0));
+    Report(known_[k],
+           by_user_[k] ? kCertainLogOdds : std::clamp(statistics_.Score(known_[k]), 0.0, 700.0));
     if (by_user_[k]) result_.matches.back().false_probability = 0;
   }
   std::vector<std::size_t> order;

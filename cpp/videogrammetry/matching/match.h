@@ -66,7 +66,7 @@ struct Match {
   std::vector<int> target;  ///< one a camera: index or -1
   int id = -1;              ///< code number or -1
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
-  double chi2 = 0.0;  ///< of the rays' intersection, 2n - 3 degrees of freedom
+  double chi2 = 0.0;               ///< of the rays' intersection, 2n - 3 degrees of freedom
   double log_odds = 0.0;           ///< that all its targets are of one point, against all else
   double false_probability = 0.0;  ///< 1 / (1 + exp(log_odds)); 0 of what the user has put together
 };

@@ -110,8 +110,8 @@ class Chunk {
       const FlatTargets& own = cameras_[c];
       for (std::size_t m = own.offsets[stage]; m < own.offsets[stage + 1]; ++m) {
         if (own.targets.id[m] < 0) continue;
-        codes_.push_back({own.targets.id[m],
-                          {static_cast<int>(c), static_cast<int>(m - own.offsets[stage])}});
+        codes_.push_back(
+            {own.targets.id[m], {static_cast<int>(c), static_cast<int>(m - own.offsets[stage])}});
       }
     }
     std::sort(codes_.begin(), codes_.end(), [](const Code& a, const Code& b) {
@@ -210,8 +210,7 @@ class Chunk {
       if (targets_[c].size() == 0 || !views_[c].Project(point->position_mm, &xy, &by)) continue;
       const Eigen::Matrix2d predicted = by * cov * by.transpose();
       const double sigma = targets_[c].max_sigma();
-      const Eigen::Vector2d reach =
-          (gate * (predicted.diagonal().array() + sigma * sigma)).sqrt();
+      const Eigen::Vector2d reach = (gate * (predicted.diagonal().array() + sigma * sigma)).sqrt();
       double best = gate, ratio = 0;
       int own = -1;
       targets_[c].ForBox(xy - reach, xy + reach, [&](std::size_t k) {
@@ -222,10 +221,10 @@ class Chunk {
         const Eigen::Vector2d away = targets_[c].xy(k) - xy;
         const Eigen::Matrix2d total = predicted + targets_[c].cov(k);
         const double determinant = total.determinant();
-        const double distance2 = (total(1, 1) * away.x() * away.x() +
-                                  total(0, 0) * away.y() * away.y() -
-                                  2 * total(0, 1) * away.x() * away.y()) /
-                                 determinant;
+        const double distance2 =
+            (total(1, 1) * away.x() * away.x() + total(0, 0) * away.y() * away.y() -
+             2 * total(0, 1) * away.x() * away.y()) /
+            determinant;
         if (distance2 < best || (distance2 == best && static_cast<int>(k) < own)) {
           best = distance2;
           own = static_cast<int>(k);
@@ -307,10 +306,12 @@ class Chunk {
   void SearchRest(std::size_t stage, const MatchEdits* edits) {
     std::size_t cameras_left = 0;
     for (std::size_t c = 0; c < num_cameras_; ++c) {
-      const auto begin = status_[c].begin() + static_cast<std::ptrdiff_t>(cameras_[c].offsets[stage]);
+      const auto begin =
+          status_[c].begin() + static_cast<std::ptrdiff_t>(cameras_[c].offsets[stage]);
       const auto end =
           status_[c].begin() + static_cast<std::ptrdiff_t>(cameras_[c].offsets[stage + 1]);
-      cameras_left += std::any_of(begin, end, [](TargetMatch m) { return m != TargetMatch::kMatched; });
+      cameras_left +=
+          std::any_of(begin, end, [](TargetMatch m) { return m != TargetMatch::kMatched; });
     }
     if (cameras_left < 2) return;
     std::vector<CameraTargets> left(num_cameras_);
@@ -501,8 +502,7 @@ class Chunk {
       result.id.push_back(track.id);
       result.chi2.push_back(f.chi2);
       result.log_odds.push_back(track.log_odds);
-      result.false_probability.push_back(track.by_user ? 0.0
-                                                       : 1 / (1 + std::exp(track.log_odds)));
+      result.false_probability.push_back(track.by_user ? 0.0 : 1 / (1 + std::exp(track.log_odds)));
     }
     std::partial_sum(result.offsets.begin(), result.offsets.end(), result.offsets.begin());
     result.status = std::move(status_);
@@ -552,10 +552,9 @@ void CheckFlat(const Rig& rig, const std::vector<FlatTargets>& cameras,
                                   std::to_string(t.size()));
     }
     if (offsets.size() != cameras[0].offsets.size()) {
-      throw std::invalid_argument("offsets: camera 0 has " +
-                                  std::to_string(cameras[0].offsets.size() - 1) +
-                                  " stages, camera " + std::to_string(c) + " has " +
-                                  std::to_string(offsets.size() - 1));
+      throw std::invalid_argument(
+          "offsets: camera 0 has " + std::to_string(cameras[0].offsets.size() - 1) +
+          " stages, camera " + std::to_string(c) + " has " + std::to_string(offsets.size() - 1));
     }
   }
   const std::size_t stages = cameras.empty() ? 0 : cameras[0].offsets.size() - 1;

@@ -88,7 +88,9 @@ StageStatistics EstimateStatistics(const std::vector<CameraView>& cameras,
   StageStatistics statistics = before;
   statistics.seen = hits.cwiseQuotient(trials).cwiseMax(kLeastSeen).cwiseMin(kMostSeen);
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    statistics.log_lone[c] = std::log((std::max(lone[c], kLeastLone * static_cast<double>(targets[c].size())) + 1.0) / cameras[c].area());
+    statistics.log_lone[c] =
+        std::log((std::max(lone[c], kLeastLone * static_cast<double>(targets[c].size())) + 1.0) /
+                 cameras[c].area());
   }
   if (cloud.count >= kFewPoints) {
     statistics.log_density = std::log(cloud.count / cloud.Volume(&statistics.box_information));

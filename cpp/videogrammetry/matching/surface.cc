@@ -128,8 +128,8 @@ double InverseDepthVariance(const CameraView& camera, const Eigen::Vector3d& pos
 }
 
 std::vector<Sample> Nearest(const CameraView& view, const CameraTargets& targets,
-                            std::size_t camera, const std::vector<ReliablePoint>& reliable,
-                            int own, int neighbours) {
+                            std::size_t camera, const std::vector<ReliablePoint>& reliable, int own,
+                            int neighbours) {
   const Eigen::Vector2d pixel = targets.xy_px[static_cast<std::size_t>(own)];
   std::vector<std::pair<double, const ReliablePoint*>> near;
   for (const ReliablePoint& point : reliable) {
@@ -174,19 +174,19 @@ std::optional<double> DensityRatio(const CameraView& view, const CameraTargets& 
 }
 
 // Share of the reliable points that lie on no surface of their neighbours.
-double ShareOffSurface(const std::vector<CameraView>& cameras,
-                       std::span<const CameraTargets> data, const StageStatistics& statistics,
+double ShareOffSurface(const std::vector<CameraView>& cameras, std::span<const CameraTargets> data,
+                       const StageStatistics& statistics,
                        const std::vector<ReliablePoint>& reliable, int neighbours) {
   std::vector<double> ratios;
   const std::size_t step = std::max<std::size_t>(1, reliable.size() / kMostJudged);
   for (std::size_t k = 0; k < reliable.size(); k += step) {
     const ReliablePoint& point = reliable[k];
-    const auto first = std::find_if(point.target.begin(), point.target.end(),
-                                    [](int t) { return t >= 0; });
+    const auto first =
+        std::find_if(point.target.begin(), point.target.end(), [](int t) { return t >= 0; });
     const auto c = static_cast<std::size_t>(first - point.target.begin());
-    const auto ratio = DensityRatio(cameras[c], data[c], statistics, reliable,
-                                    {static_cast<int>(c), *first}, point.position_mm,
-                                    point.cov_mm2, neighbours);
+    const auto ratio =
+        DensityRatio(cameras[c], data[c], statistics, reliable, {static_cast<int>(c), *first},
+                     point.position_mm, point.cov_mm2, neighbours);
     if (ratio) ratios.push_back(*ratio);
   }
   if (ratios.size() < kFewJudged) return 1.0;
@@ -202,9 +202,8 @@ double ShareOffSurface(const std::vector<CameraView>& cameras,
 }  // namespace
 
 bool SetSurfaceScores(const std::vector<CameraView>& cameras, std::span<const CameraTargets> data,
-                      const StageStatistics& statistics,
-                      const std::vector<ReliablePoint>& reliable, int neighbours,
-                      std::vector<Candidate>* candidates) {
+                      const StageStatistics& statistics, const std::vector<ReliablePoint>& reliable,
+                      int neighbours, std::vector<Candidate>* candidates) {
   for (Candidate& candidate : *candidates) candidate.surface_score = 0;
   if (reliable.size() < kFewJudged || statistics.box_information.isZero(0)) return false;
   const double off = ShareOffSurface(cameras, data, statistics, reliable, neighbours);
@@ -213,9 +212,9 @@ bool SetSurfaceScores(const std::vector<CameraView>& cameras, std::span<const Ca
     // Each candidate is judged in its first camera: the evidence is one.
     const ViewTarget& own = candidate.used.front();
     const auto c = static_cast<std::size_t>(own.camera);
-    const auto ratio = DensityRatio(cameras[c], data[c], statistics, reliable, own,
-                                    candidate.point.position_mm, candidate.point.cov_mm2(),
-                                    neighbours);
+    const auto ratio =
+        DensityRatio(cameras[c], data[c], statistics, reliable, own, candidate.point.position_mm,
+                     candidate.point.cov_mm2(), neighbours);
     if (ratio) candidate.surface_score = std::log((1 - off) * *ratio + off);
   }
   return true;

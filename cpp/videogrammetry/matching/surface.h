@@ -29,8 +29,7 @@ struct ReliablePoint {
 ///
 /// @return whether they span one.
 bool SetSurfaceScores(const std::vector<CameraView>& cameras, std::span<const CameraTargets> data,
-                      const StageStatistics& statistics,
-                      const std::vector<ReliablePoint>& reliable, int neighbours,
-                      std::vector<Candidate>* candidates);
+                      const StageStatistics& statistics, const std::vector<ReliablePoint>& reliable,
+                      int neighbours, std::vector<Candidate>* candidates);
 
 }  // namespace videogrammetry

@@ -191,8 +191,8 @@ TEST(Matching, NeverInconsistentRaysNorATargetTwice) {
       if (match.target[c] < 0) continue;
       const auto t = static_cast<std::size_t>(match.target[c]);
       EXPECT_EQ(used[c][t]++, 0);
-      sightings.push_back({static_cast<int>(c), scene.cameras[c].xy_px[t],
-                           scene.cameras[c].cov_px2[t]});
+      sightings.push_back(
+          {static_cast<int>(c), scene.cameras[c].xy_px[t], scene.cameras[c].cov_px2[t]});
     }
     Intersection point;
     ASSERT_EQ(Intersect(rig, sightings, &point), IntersectionStatus::kOk);
@@ -236,8 +236,8 @@ TEST(Matching, UpToSixtyFourCameras) {
       const double angle = n == 2 ? 0.8 * i : 6.2832 * i / n;
       Camera camera{1280, 1024, {}, 500.0, DistortionDirection::kMeasured};
       camera.interior << 2650, 20, -15, -2e-8, 0, 0, 6e-8, -7e-7, 0, 0;
-      rig.push_back({camera, Rigid3{RotationFromVector({0.1 * (i % 3), angle + 0.2, 0}),
-                                    {0, 0, 12000}}});
+      rig.push_back(
+          {camera, Rigid3{RotationFromVector({0.1 * (i % 3), angle + 0.2, 0}), {0, 0, 12000}}});
     }
     const Scene scene = Picture(rig, Cloud(30, &random, 0), 0, &random);
     const MatchResult result = MatchStage(rig, scene.cameras);
@@ -247,8 +247,9 @@ TEST(Matching, UpToSixtyFourCameras) {
     if (n < 3) continue;
     for (const Match& match : result.matches) {
       // Each camera's gate keeps 1 - 1e-4 of its targets.
-      EXPECT_GE(std::count_if(match.target.begin(), match.target.end(),
-                              [](int t) { return t >= 0; }), n - 1);
+      EXPECT_GE(
+          std::count_if(match.target.begin(), match.target.end(), [](int t) { return t >= 0; }),
+          n - 1);
     }
   }
   Rig many(65, ArcRig(2)[0]);
@@ -263,8 +264,9 @@ TEST(Matching, GroupsWithoutACommonView) {
     Camera camera{1280, 1024, {}, 500.0, DistortionDirection::kMeasured};
     camera.interior << 2650, 20, -15, 0, 0, 0, 0, 0, 0, 0;
     const double up = angle == 0.2 || angle == 3.34 ? 0.1 : 0.0;
-    rig.push_back({camera, Rigid3{RotationFromVector({up, 0, 0}) * RotationFromVector({0, angle, 0}),
-                                  {0, 0, 12000}}});
+    rig.push_back(
+        {camera, Rigid3{RotationFromVector({up, 0, 0}) * RotationFromVector({0, angle, 0}),
+                        {0, 0, 12000}}});
   }
   std::vector<Eigen::Vector3d> front = Cloud(30, &random, 0), back = Cloud(30, &random, 0);
   std::vector<Eigen::Vector3d> points = front;
@@ -312,8 +314,8 @@ TEST(Matching, TheProbabilityIsTheShareOfFalseMatches) {
       }
     }
     for (const Match& match : MatchStage(rig, scene.cameras, options).matches) {
-      const auto bin = static_cast<std::size_t>(
-          std::min(kBins - 1.0, kBins * 2 * match.false_probability));
+      const auto bin =
+          static_cast<std::size_t>(std::min(kBins - 1.0, kBins * 2 * match.false_probability));
       const int a = scene.truth[0][static_cast<std::size_t>(match.target[0])];
       const int b = scene.truth[1][static_cast<std::size_t>(match.target[1])];
       stated[bin] += match.false_probability;

@@ -19,9 +19,9 @@ Rig Around(int cameras) {
     Camera camera{1280, 1024, {}, 500.0, DistortionDirection::kMeasured};
     camera.interior << 2500, 5, -4, -2e-8, 0, 0, 6e-8, -7e-7, 0, 0;
     const double angle = 2 * 3.14159265 * (i + 0.3) / cameras;
-    rig.push_back({camera, Rigid3{RotationFromVector({0.25 * std::sin(angle),
-                                                      0.35 * std::cos(angle), 0}),
-                                  {0, 0, 1000}}});
+    rig.push_back(
+        {camera, Rigid3{RotationFromVector({0.25 * std::sin(angle), 0.35 * std::cos(angle), 0}),
+                        {0, 0, 1000}}});
   }
   return rig;
 }
@@ -185,7 +185,8 @@ TEST(MatchStages, EditsAreRespected) {
   edits[2].apart = {{own[0], own[1]}};
   const StageMatches result = MatchStages(rig, film.cameras, {}, edits);
   for (std::size_t k = result.offsets[2]; k < result.offsets[3]; ++k) {
-    EXPECT_FALSE(result.target[3 * k] == own[0].target && result.target[3 * k + 1] == own[1].target);
+    EXPECT_FALSE(result.target[3 * k] == own[0].target &&
+                 result.target[3 * k + 1] == own[1].target);
   }
   edits[2] = {};
   edits[2].together = {own};

@@ -26,9 +26,7 @@ def rig(cameras: int) -> RigData:
     return RigData(cameras=made)
 
 
-def filmed(
-    data: RigData, points: int, seed: int
-) -> tuple[list[FlatTargets], list[IntArray]]:
+def filmed(data: RigData, points: int, seed: int) -> tuple[list[FlatTargets], list[IntArray]]:
     """Points in flight, targets in any order; the point of each target."""
     rng = np.random.default_rng(seed)
     place = rng.uniform(-100, 100, (points, 3))
@@ -96,8 +94,8 @@ def test_more_uncertainty_is_added() -> None:
     data = rig(3)
     flat, _ = filmed(data, 20, 3)
     off = FlatTargets(
-        offsets=flat[1].offsets, centre_px=flat[1].centre_px + [0.0, 0.5], cov_px2=flat[1].cov_px2,
-        id=flat[1].id, semi_major_px=flat[1].semi_major_px,
+        offsets=flat[1].offsets, centre_px=flat[1].centre_px + np.array([0.0, 0.5]),
+        cov_px2=flat[1].cov_px2, id=flat[1].id, semi_major_px=flat[1].semi_major_px,
     )  # fmt: skip
     moved = [flat[0], off, flat[2]]
     extra = [np.tile([0.25, 0, 0.25], (len(f.id), 1)) for f in moved]

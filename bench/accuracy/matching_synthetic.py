@@ -15,8 +15,8 @@ cameras (recognition finds one target there as often as two): those are counted 
 found in all of them; `true`: share of these with a match that has the right target of every
 camera; `part`: with one whose targets are all right, but a camera is missing. `merged`: the same
 two together, of all that merge. `wrong`: matches a stage with a target of another particle. Bars:
-the share of `true` and the wrong ones a stage, for 4 and for 3 cameras; two cameras have none. `ms`: matching alone.
-OpenPTV's tolerance is the best, by true less wrong, of 0.25, 0.5 and 1 px.
+the share of `true` and the wrong ones a stage, for 4 and for 3 cameras; two cameras have none.
+`ms`: matching alone. OpenPTV's tolerance is the best, by true less wrong, of 0.25, 0.5 and 1 px.
 
 Last, how far the stated probability of a false match is right: matches accepted and not, by
 stated probability, with the share that is false.

@@ -10,6 +10,9 @@ namespace {
 
 // A candidate of these log odds has half a hundredth at most and is left out.
 constexpr double kNegligible = -5.3;
+// Larger groups have too many sets in any case; a limit beyond the second asks for them.
+constexpr std::size_t kMostSummed = 30;
+constexpr int kAlwaysSummed = 100000;
 constexpr double kDamping = 0.3;
 constexpr double kConverged = 1e-4;
 
@@ -198,7 +201,8 @@ void SetProbabilities(const std::vector<std::size_t>& num_targets,
       alone.probability = 1 / (1 + std::exp(-alone.score));
       continue;
     }
-    if (exact_limit > 0 &&
+    const bool small = group.size() <= kMostSummed || exact_limit > kAlwaysSummed;
+    if (exact_limit > 0 && small &&
         Enumeration(group, claims, *candidates, exact_limit).Run(group, candidates)) {
       continue;
     }

@@ -341,6 +341,21 @@ class Matches:
     def __len__(self) -> int:
         return len(self.id)
 
+    def with_targets(
+        self, target: IntArray, id: IntArray, status: tuple[npt.NDArray[np.uint8], ...]
+    ) -> Matches:
+        """The same matches with other targets; those without any are left out."""
+        keep = (target >= 0).any(axis=1)
+        false = self.false_probability
+        return Matches(
+            target=target[keep],
+            id=id[keep],
+            chi2=self.chi2[keep],
+            log_odds=self.log_odds[keep],
+            status=status,
+            false_probability=None if false is None else false[keep],
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class FlatTargets:

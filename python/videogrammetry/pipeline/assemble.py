@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -20,10 +19,10 @@ from videogrammetry.motion import (
     plan_motion,
     trajectory_rows,
 )
-from videogrammetry.pipeline.chunk_record import SURE_LOG_ODDS, ChunkRecord
+from videogrammetry.pipeline.chunk_record import ChunkRecord
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
+from videogrammetry.pipeline.numbering import Numbering
 from videogrammetry.pipeline.totals import Totals
-from videogrammetry.tracking import Tracker
 from videogrammetry.types import (
     POINT_FLAGS,
     FloatArray,
@@ -31,7 +30,6 @@ from videogrammetry.types import (
     Motion,
     TargetRecords,
     Trajectories,
-    matrix_from_cov6,
 )
 
 #: Stages times points that are looked at for the centroid's points; of more
@@ -77,30 +75,14 @@ class Linked:
 
 def link_chunks(store: ChunkStore, chunks: Sequence[Chunk], first_free_id: int) -> Linked:
     """Numbers for the points of all stages."""
-    totals, tracker = Totals(), Tracker(first_free_id)
-    of_chunk: list[IntArray] = []
-    odds_of_chunk: list[FloatArray] = []
-    stages: list[IntArray] = []  # views into the chunks'
-    odds: list[FloatArray] = []
-    begun: dict[int, int] = {}
+    totals, numbering = Totals(), Numbering(first_free_id)
     num_targets = 0
     for chunk in chunks:
         record = store.get(chunk)
         totals.add(record)
+        numbering.add(record)
         num_targets += len(record.code_id)
-        offsets = record.point_offsets()
-        cov = matrix_from_cov6(record.cov_image_mm2)
-        of_chunk.append(np.empty(offsets[-1], np.int32))
-        odds_of_chunk.append(np.empty(offsets[-1]))
-        for a, b in itertools.pairwise(offsets.tolist()):
-            links = tracker.add(record.point_code[a:b], record.position_mm[a:b], cov[a:b])
-            links.revise(stages, odds, begun)
-            of_chunk[-1][a:b], odds_of_chunk[-1][a:b] = links.number, links.log_odds
-            for number in links.number.tolist():
-                begun.setdefault(number, len(stages))
-            stages.append(of_chunk[-1][a:b])
-            odds.append(odds_of_chunk[-1][a:b])
-    return _linked(of_chunk, [o < SURE_LOG_ODDS for o in odds_of_chunk], num_targets, totals)
+    return _linked(numbering.numbers, numbering.unsure, num_targets, totals)
 
 
 def _linked(

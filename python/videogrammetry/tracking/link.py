@@ -62,23 +62,11 @@ class StageLinks:
     revised_number: IntArray
     revised_log_odds: FloatArray
 
-    def revise(
-        self,
-        numbers: Sequence[IntArray],
-        log_odds: Sequence[FloatArray] = (),
-        begun: dict[int, int] | None = None,
-    ) -> None:
-        """Apply renames and revisions to the arrays of the stages before, in place.
-
-        ``begun``: the first stage of every number, so that only stages from there on are
-        looked at; kept up to date.
-        """
+    def revise(self, numbers: Sequence[IntArray], log_odds: Sequence[FloatArray] = ()) -> None:
+        """Apply renames and revisions to the arrays of the stages before, in place."""
         for old, new in self.renames.tolist():
-            first = 0 if begun is None else begun.pop(old, 0)
-            for of_stage in numbers[first:]:
+            for of_stage in numbers:
                 of_stage[of_stage == old] = new
-            if begun is not None:
-                begun[new] = min(begun.get(new, first), first)
         for stage, row, number, odds in zip(
             self.revised_stage.tolist(),
             self.revised_row.tolist(),
@@ -87,8 +75,6 @@ class StageLinks:
             strict=True,
         ):
             numbers[stage][row] = number
-            if begun is not None:
-                begun[number] = min(begun.get(number, stage), stage)
             if log_odds:
                 log_odds[stage][row] = odds
 

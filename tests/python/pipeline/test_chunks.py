@@ -21,9 +21,11 @@ from videogrammetry.pipeline.assemble import (
 from videogrammetry.pipeline.chunk import CameraTargets
 from videogrammetry.pipeline.chunk_record import ChunkRecord, read_record, write_record
 from videogrammetry.pipeline.chunk_store import MemoryStore
+from videogrammetry.pipeline.numbering import Numbering
 from videogrammetry.pipeline.sinks import ArraySink
 from videogrammetry.project import read_measurement, read_project
-from videogrammetry.types import POINT_FLAGS, Motion, RigData, Targets, Trajectories
+from videogrammetry.tracking import link_stages
+from videogrammetry.types import POINT_FLAGS, Motion, RigData, StagePoints, Targets, Trajectories
 
 NAMES = ("a", "b")
 CHUNKS = [(5, 14), (15, 24), (25, 34), (35, 37)]
@@ -187,3 +189,54 @@ def test_outside_the_volume() -> None:
     assert CalibratedVolume(flat).contains(np.array([[1e6, 0, 0]])).tolist() == [True]
     with pytest.raises(ValueError, match="full_every"):
         measure_frames(small_rig(2), {"c1": [], "c2": []}, full_every=0)
+
+
+def test_numbers_of_chunks_are_those_of_the_stages() -> None:
+    """Crossing dots, some of them codes that are read late: revised and renamed alike."""
+    rng = np.random.default_rng(3)
+    stages, count = 60, 30
+    way = rng.normal(size=(count, 2, 3)) * [[[60.0], [1.5]]]
+    code = np.where(np.arange(count) < 6, np.arange(count), -1)
+    points, records = [], []
+    for begin in range(0, stages, 20):
+        parts = []
+        for s in range(begin, begin + 20):
+            seen = np.flatnonzero(rng.uniform(size=count) > 0.1)
+            ids = np.where(s > 8 + 5 * np.arange(count), code, -1)[seen].astype(np.int32)
+            place = way[seen, 0] + s * way[seen, 1] + 0.02 * rng.normal(size=(len(seen), 3))
+            parts.append((ids, place))
+            cov = np.tile(4e-4 * np.eye(3), (len(seen), 1, 1))
+            points.append(stage_points(ids, place, cov))
+        records.append(
+            dataclasses.replace(
+                record(range(begin + 1, begin + 21), rng),
+                point_count=np.array([len(ids) for ids, _ in parts], np.int32),
+                point_code=np.concatenate([ids for ids, _ in parts]),
+                position_mm=np.concatenate([place for _, place in parts]),
+                cov_image_mm2=np.tile(
+                    4e-4 * np.array([1.0, 0, 0, 1, 0, 1]), (sum(len(i) for i, _ in parts), 1)
+                ),
+            )
+        )
+    numbering = Numbering(100)
+    for part in records:
+        numbering.add(part)
+    np.testing.assert_array_equal(
+        np.concatenate(numbering.numbers), np.concatenate(link_stages(points, 100))
+    )
+    assert {0, 1, 2, 3, 4, 5} <= set(numbering.numbers[0].tolist())  # read only later
+
+
+def stage_points(ids, place, cov) -> StagePoints:
+    none = np.empty(0)
+    return StagePoints(
+        id=ids,
+        target=np.empty((len(ids), 0), np.int32),
+        position_mm=place,
+        cov_image_mm2=cov,
+        cov_rig_mm2=none,
+        rms_px=none,
+        chi2=none,
+        convergence_rad=none,
+        residual_px=none,
+    )

@@ -108,7 +108,7 @@ TrackedFrame TrackedRecognizer::Next(const FrameView& frame) {
   TrackedFrame result;
   const int width = FrameWidth(frame), height = FrameHeight(frame);
   std::vector<Track> next;
-  result.full = full_next_ || !camera_ || tracks_.empty() || frame_ % tracked_.full_every == 0;
+  result.full = !camera_ || tracks_.empty() || frame_ % tracked_.full_every == 0;
   ++frame_;
   std::vector<int> lost;
   if (result.full) {
@@ -127,9 +127,14 @@ TrackedFrame TrackedRecognizer::Next(const FrameView& frame) {
       result.targets = SearchExpected(frame, windows);
       lost = Follow(result.targets, width, height, &next);
     }
+    if (!lost.empty()) {
+      // It may be anywhere, and others with it: everything has moved, or another scene began.
+      // What a whole search does not find is gone, and looked for again when its turn comes.
+      result.full = true;
+      result.targets = SearchWhole(frame);
+      lost = Follow(result.targets, width, height, &next);
+    }
   }
-  // What a whole search does not find is gone: it is looked for again when its turn comes.
-  full_next_ = !result.full && !lost.empty();
   result.lost = static_cast<int>(lost.size());
   tracks_ = std::move(next);
   return result;

@@ -40,8 +40,8 @@ struct TrackedFrame {
 /// in a window around its place by the rule of the whole frame's search: bit for bit the same,
 /// unless clutter that reaches into the window lets the search begin at another chord of the dot.
 /// Where a target is not found, a window three times as wide is searched; if it is not there
-/// either, the next frame is searched as a whole, and so is every `full_every`-th, and one after a
-/// frame without targets. Rings are read in every frame, known or not. Method "edge-pair" alone.
+/// either, the whole frame is, and so is every `full_every`-th, and one after a frame without
+/// targets. Rings are read in every frame, known or not. Method "edge-pair" alone.
 class TrackedRecognizer {
  public:
   /// @param camera  learned from the first frame with targets if it is not given.
@@ -78,7 +78,6 @@ class TrackedRecognizer {
   std::optional<CameraModel> camera_;
   std::vector<Track> tracks_;
   std::int64_t frame_ = 0;
-  bool full_next_ = true;
 };
 
 }  // namespace videogrammetry

@@ -118,7 +118,7 @@ def recognize_sequence(
     without ``track`` gives; in clutter the fit of a few may start elsewhere and end
     a part of its sigma away. One that comes into view between windows is
     first seen when a whole frame is searched, which happens every
-    ``track.full_every`` frames, after a loss, and after a frame without targets.
+    ``track.full_every`` frames, where a target is lost, and after a frame without targets.
     Where learning finds none the first frame that has one gives the model. One sequence is
     then the work of one thread: several cameras' go side by side in threads of
     the caller, for the interpreter's lock is released.

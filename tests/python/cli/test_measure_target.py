@@ -177,7 +177,7 @@ def test_what_no_photographs_can_give_is_refused(photos, recognised):
     """Each in one paragraph that names the cause."""
     everything, bars = range(len(recognised.names)), bars_of(photos, (1, 1))
     for photographs, lengths, nominal, words in (
-        (some(recognised, [0, 1]), (), None, "too few observations"),
+        (some(recognised, [0, 1]), (), None, "too few observations|do not determine all unknowns"),
         (some(recognised, [0] * 5), (), None, "one photograph is given twice"),
         (some(recognised, [*everything, 3]), bars, None, "photo4 and photo17 hold the same"),
         (with_noise(recognised, 0, 5), (), None, "seen from places apart"),

@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import os
 import pickle
+import signal
 import threading
 import time
 import uuid
@@ -113,8 +114,8 @@ class ClusterRunner:
         with contextlib.ExitStack() as stack:
             address: Any = self._scheduler
             if address == LOCAL:
-                address = stack.enter_context(
-                    distributed.LocalCluster(
+                with _without_interrupts():
+                    cluster = distributed.LocalCluster(
                         n_workers=self._workers or os.cpu_count() or 1,
                         threads_per_worker=1,
                         processes=True,
@@ -122,7 +123,7 @@ class ClusterRunner:
                         memory_limit=0,  # pages of mapped recordings would count
                         silence_logs="CRITICAL",
                     )
-                )
+                address = stack.enter_context(cluster)
             try:
                 client = stack.enter_context(distributed.Client(address, timeout=_FIRST_S))
             except (OSError, ValueError) as error:
@@ -308,6 +309,26 @@ def _size(source: FrameSource) -> tuple[int, int]:
     """Number of frames, and bytes of the last file."""
     paths = getattr(source, "paths", ())
     return len(source), os.stat(paths[-1]).st_size if paths else 0
+
+
+@contextlib.contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Threads and processes begun here take no Ctrl-C, which is for who began them.
+
+    The mask goes on to whatever they begin, so that workers begun anew have it too. A
+    Ctrl-C meanwhile comes at the end.
+    """
+    if os.name != "posix":
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it would take the mask off when it begins
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _this_worker() -> str:

@@ -1,4 +1,4 @@
-"""Workers of a cluster are killed while they measure: is the result the same, and what does it cost?
+"""Workers of a cluster are killed while they measure: is the result the same, and at what cost?
 
 A LocalCluster of some processes measures a rendered project of three cameras; every few seconds
 one of the workers gets kill -9. The datasets are compared, byte for byte, with those that

@@ -66,6 +66,40 @@ def test_a_full_disk(small, expected, small_disk) -> None:
     assert datasets(project.measurement_path) == expected
 
 
+def test_a_disk_that_is_full_when_the_file_is_written(small, expected, small_disk) -> None:
+    subprocess.run(["mount", "-o", "remount,size=20m", str(small_disk)], check=True)
+    text = small.read_text()
+    for name in ("c1", "c2", "c3"):
+        text = text.replace(f'"{name}.cihx"', f'"{small.parent / name}.cihx"')
+    (small_disk / "project.toml").write_text(text)
+    write_rig(small_disk / "rig.json", small_rig())
+    parts = small_disk / "measurement.parts"
+    filler = small_disk / "filler"
+    project = read_project(small_disk / "project.toml")
+
+    def stop(done: int, total: int, what: str = "") -> None:
+        if done == total:  # the parts are all there
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        measure_to_file(project, progress=stop)
+    filler.write_bytes(b"x" * (shutil.disk_usage(small_disk).free - 20_000))
+    command = [sys.executable, "-m", "videogrammetry", "measure", str(small_disk)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    said = done.stderr.splitlines()[-1]
+    assert "measurement.h5 cannot be written" in said
+    assert "all stages are measured and kept: make room" in said
+    assert len(list(parts.glob("*.npz"))) == 4
+    assert not list(small_disk.glob(".measurement*"))
+    assert not project.measurement_path.exists()
+    filler.unlink()
+    told: list[int] = []
+    measure_to_file(project, progress=lambda done, total, what="": told.append(total))
+    assert not told  # nothing is measured again
+    assert datasets(project.measurement_path) == expected
+
+
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
 def test_a_damaged_part_is_measured_anew(small, expected, monkeypatch, damage) -> None:
     project = read_project(small)

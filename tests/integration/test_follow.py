@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -147,6 +151,26 @@ def test_one_camera_ends_before_the_others(tmp_path, frames) -> None:
     table = follow_project(project, options=FollowOptions(idle_s=0.8))
     assert table.stage.tolist() == list(range(1, 28))
     assert any("measured are the 27 of all" in warning for warning in table.warnings)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX's signals")
+def test_ctrl_c_ends_the_following_with_a_whole_file(tmp_path) -> None:
+    path = write_small_project(tmp_path / "small", 130)
+    command = [sys.executable, "-m", "videogrammetry", "measure", str(path)]
+    process = subprocess.Popen(
+        [*command, "--follow", "--idle", "1000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    live = path.parent / "trajectories.live.csv"
+    until = time.monotonic() + 60
+    while time.monotonic() < until and not (live.exists() and "130," in live.read_text()):
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    followed = datasets(path.parent / "measurement.h5")
+    subprocess.run([*command, "--force"], check=True, capture_output=True)
+    assert datasets(path.parent / "measurement.h5") == followed
 
 
 def test_only_growing_recordings_are_followed(tmp_path) -> None:

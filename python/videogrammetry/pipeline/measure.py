@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.errors import MeasurementError, ProjectFileError, SequenceError
+from videogrammetry.errors import (
+    MeasurementError,
+    ProjectFileError,
+    SequenceError,
+    VideogrammetryError,
+)
 from videogrammetry.geometry import select_cameras
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, MotionPlan
@@ -48,7 +54,7 @@ from videogrammetry.pipeline.measure_sources import (
     stage_range,
     unreadable_frames,
 )
-from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink
+from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink, least_bytes
 from videogrammetry.pipeline.totals import nothing_measured, refuse_senseless, stage_warnings
 from videogrammetry.project import (
     MeasurementLayout,
@@ -260,10 +266,27 @@ def finish_file(
         flag_meanings=_MEANINGS,
     )
     table = StageTable(linked.totals, layout.warnings)
-    with open_measurement_writer(project.measurement_path, layout) as writer:
-        _assemble(job, store, linked, plan, TeeSink(writer, table))
+    # Asked beforehand, because HDF5 does not survive a full disk.
+    needed = least_bytes(linked, chunks_of(*job.stages))
+    if shutil.disk_usage(project.folder).free < needed:
+        raise _no_room(project, f"at least {needed / 1e6:.1f} MB are needed")
+    try:
+        with open_measurement_writer(project.measurement_path, layout) as writer:
+            _assemble(job, store, linked, plan, TeeSink(writer, table))
+    except VideogrammetryError:
+        raise
+    except (OSError, RuntimeError) as error:  # HDF5 has its own kinds of a full disk
+        raise _no_room(project, str(error).splitlines()[0]) from error
     store.remove()
     return table
+
+
+def _no_room(project: Project, why: str) -> MeasurementError:
+    free = shutil.disk_usage(project.folder).free
+    return MeasurementError(
+        f"{project.measurement_path} cannot be written ({why}; {free / 1e6:.1f} MB are free on the "
+        "disk); all stages are measured and kept: make room, and run `videogrammetry measure` again"
+    )
 
 
 def lock_path(project: Project) -> Path:

@@ -21,7 +21,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "python"))
 
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 from measured_data import datasets
 from small_project import write_small_project
 
@@ -41,7 +41,10 @@ class Killer(threading.Thread):
     def run(self) -> None:
         turn = 0
         while not self.ended.wait(self._every_s):
-            workers = [w for w in self._cluster.workers.values() if getattr(w, "pid", None)]
+            # Those at work: one that is killed while it begins its nanny gives up.
+            named = {info["name"] for info in self._cluster.scheduler_info["workers"].values()}
+            there = {name: w for name, w in self._cluster.workers.items() if name in named}
+            workers = [w for w in there.values() if getattr(w, "pid", None)]
             if workers:
                 pid = workers[turn % len(workers)].pid
                 turn += 1
@@ -84,8 +87,8 @@ def main() -> int:
                 killer = Killer(cluster, args.every)
                 if kills:
                     killer.start()
-                runner = ClusterRunner(cluster.scheduler_address)
-                took, found = measured(project, run=runner)
+                with Client(cluster) as client:
+                    took, found = measured(project, run=ClusterRunner(client=client))
                 killer.ended.set()
                 if kills:
                     killer.join()

@@ -106,7 +106,8 @@ class ClusterRunner:
         digest = hashlib.sha256(data).hexdigest()
         with contextlib.ExitStack() as stack:
             client = self._client or stack.enter_context(self._connect())
-            yield from _Dispatch(self._distributed, client, store, data, digest).run(chunks)
+            dispatch = _Dispatch(self._distributed, client, store, data, digest)
+            yield from dispatch.run(chunks)
 
     @contextlib.contextmanager
     def _connect(self) -> Iterator[Any]:
@@ -123,7 +124,7 @@ class ClusterRunner:
                         memory_limit=0,  # pages of mapped recordings would count
                         silence_logs="CRITICAL",
                     )
-                address = stack.enter_context(cluster)
+                address = stack.enter_context(cluster)  # the client knows it by this
             try:
                 client = stack.enter_context(distributed.Client(address, timeout=_FIRST_S))
             except (OSError, ValueError) as error:
@@ -145,6 +146,9 @@ class _Dispatch:
         self._running: dict[Any, Chunk] = {}
         self._lost: Counter[Chunk] = Counter()
         self._looked, self._threads = 0.0, 0
+        # Of a cluster of our own: workers that were lost while they began are begun again.
+        cluster = getattr(client, "cluster", None)
+        self._cluster, self._size = cluster, len(getattr(cluster, "worker_spec", ()))
 
     def run(self, chunks: Sequence[Chunk]) -> Iterator[Chunk]:
         try:
@@ -185,6 +189,8 @@ class _Dispatch:
         if time.monotonic() - self._looked > _LOOK_S:
             self._threads = sum(self._client.nthreads().values())
             self._looked = time.monotonic()
+            if self._cluster is not None:
+                self._cluster.scale(self._size)
         return self._threads
 
     def _ended(self) -> list[Any]:

@@ -68,18 +68,19 @@ def test_a_worker_killed_again_and_again_changes_nothing(measured, cluster) -> N
     killed = []
 
     def kill() -> None:
-        while not ended.wait(0.15):
-            for worker in list(cluster.workers.values()):
-                pid = getattr(worker, "pid", None)
-                if pid and len(killed) < 6:
-                    os.kill(pid, signal.SIGKILL)
-                    killed.append(pid)
-                    break
+        while not ended.wait(0.15) and len(killed) < 6:
+            # Those at work: one that is killed while it begins its nanny gives up.
+            named = {info["name"] for info in cluster.scheduler_info["workers"].values()}
+            pids = [w.pid for n, w in list(cluster.workers.items()) if n in named and w.pid]
+            if pids:
+                os.kill(pids[len(killed) % len(pids)], signal.SIGKILL)
+                killed.append(pids[0])
 
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        measure_to_file(project, run=ClusterRunner(cluster.scheduler_address))
+        with distributed.Client(cluster) as client:
+            measure_to_file(project, run=ClusterRunner(client=client))
     finally:
         ended.set()
         killer.join()

@@ -49,3 +49,15 @@ function(vg_add_room_test name)
     GTest::gtest_main)
   gtest_discover_tests(${name}_test TEST_PREFIX "${name}." DISCOVERY_TIMEOUT 60)
 endfunction()
+
+# vg_avx2_kernels(<files...> OUT <variable>)
+# Files compiled for AVX2, chosen at run time (core/cpu.h); none on other processors.
+function(vg_avx2_kernels)
+  cmake_parse_arguments(ARG "" "OUT" "" ${ARGN})
+  set(${ARG_OUT} "" PARENT_SCOPE)
+  if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64|amd64")
+    set_source_files_properties(${ARG_UNPARSED_ARGUMENTS} PROPERTIES COMPILE_OPTIONS
+      "$<IF:$<BOOL:${MSVC}>,/arch:AVX2,-mavx2>")
+    set(${ARG_OUT} ${ARG_UNPARSED_ARGUMENTS} PARENT_SCOPE)
+  endif()
+endfunction()

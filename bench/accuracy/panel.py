@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from videogrammetry.geometry import fit_rigid
 from videogrammetry.pipeline import calibrate_project, measure_project
 from videogrammetry.project import read_measurement, read_points, read_project, read_rig
-from videogrammetry.tracking.link import fit_rigid
 from videogrammetry.types import matrix_from_cov6
 
 REFERENCE_SIGMA_MM = 0.02  # of points.csv

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from videogrammetry.calibration.calibrated_volume import CalibratedVolume
 from videogrammetry.geometry import CAMERA_PARAMETERS, rotation_looking_at
 from videogrammetry.matching import MatchingOptions
 from videogrammetry.motion import MotionOptions
@@ -31,7 +32,7 @@ from videogrammetry.pipeline.assemble import (
 )
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
 from videogrammetry.pipeline.chunk_job import ChunkOptions, ChunkWorker, chunks_of, learn_models
-from videogrammetry.pipeline.chunk_record import CalibratedVolume, make_record
+from videogrammetry.pipeline.chunk_record import make_record
 from videogrammetry.pipeline.chunk_store import FolderStore
 from videogrammetry.pipeline.frames import map_bounded
 from videogrammetry.pipeline.measure import first_free_id

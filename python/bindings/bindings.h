@@ -12,5 +12,6 @@ void BindAdjustment(pybind11::module_& m);
 void BindRecognition(pybind11::module_& m);
 void BindRendering(pybind11::module_& m);
 void BindSequence(pybind11::module_& m);
+void BindTracking(pybind11::module_& m);
 
 }  // namespace videogrammetry::bindings

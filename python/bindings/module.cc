@@ -18,4 +18,5 @@ PYBIND11_MODULE(_core, m) {
   videogrammetry::bindings::BindRecognition(m);
   videogrammetry::bindings::BindRendering(m);
   videogrammetry::bindings::BindSequence(m);
+  videogrammetry::bindings::BindTracking(m);
 }

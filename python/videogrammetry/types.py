@@ -325,14 +325,74 @@ class Matches:
     ----------
     target : (P, C) index of the target in each camera's Targets, -1 = not seen.
     id : (P,) code number or -1. chi2 : (P,) of the rays, 2n - 3 degrees of freedom.
-    log_odds : (P,) against the best alternative match.
+    log_odds : (P,) that all the match's targets show one point, against all else.
     status : a camera: (N,) index into ``matching.TARGET_STATUS``.
+    false_probability : (P,) that a target of the match shows another point or none;
+        0 of what the user has put together, None where it was not estimated.
     """
 
     target: IntArray
     id: IntArray
     chi2: FloatArray
     log_odds: FloatArray
+    status: tuple[npt.NDArray[np.uint8], ...]
+    false_probability: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def with_targets(
+        self, target: IntArray, id: IntArray, status: tuple[npt.NDArray[np.uint8], ...]
+    ) -> Matches:
+        """The same matches with other targets; those without any are left out."""
+        keep = (target >= 0).any(axis=1)
+        false = self.false_probability
+        return Matches(
+            target=target[keep],
+            id=id[keep],
+            chi2=self.chi2[keep],
+            log_odds=self.log_odds[keep],
+            status=status,
+            false_probability=None if false is None else false[keep],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlatTargets:
+    """Targets of one camera over S stages, one after another.
+
+    Attributes
+    ----------
+    offsets : (S + 1,) those of stage s are ``offsets[s]:offsets[s + 1]``.
+    centre_px : (M, 2). cov_px2 : (M, 3) xx, xy, yy. id : (M,) code number or -1.
+    semi_major_px : (M,) 0 where unknown.
+    """
+
+    offsets: npt.NDArray[np.int64]
+    centre_px: FloatArray
+    cov_px2: FloatArray
+    id: IntArray
+    semi_major_px: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageMatches:
+    """Matches over S stages, one after another.
+
+    Attributes
+    ----------
+    offsets : (S + 1,) those of stage s are ``offsets[s]:offsets[s + 1]``.
+    target : (P, C) index within the stage's and camera's targets, -1 = not seen.
+    id, chi2, log_odds, false_probability : (P,) as in :class:`Matches`.
+    status : a camera: (M,) index into ``matching.TARGET_STATUS`` of all its targets.
+    """
+
+    offsets: npt.NDArray[np.int64]
+    target: IntArray
+    id: IntArray
+    chi2: FloatArray
+    log_odds: FloatArray
+    false_probability: FloatArray
     status: tuple[npt.NDArray[np.uint8], ...]
 
     def __len__(self) -> int:

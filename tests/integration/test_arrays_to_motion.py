@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from tests.synthetic import arc_rig, render
 
 import videogrammetry as vg
+from videogrammetry.geometry import fit_rigid
 from videogrammetry.recognition import code_family
-from videogrammetry.tracking.link import fit_rigid
 from videogrammetry.types import PointSet, matrix_from_cov6
 
 CODED, LOOSE = 12, 12

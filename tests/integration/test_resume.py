@@ -44,7 +44,13 @@ def test_killed_again_and_again_gives_the_same(tmp_path, pytestconfig, capsys) -
     killed, midway, finished = 0, 0, 0
     while killed < kills:
         process = begin(folder)
-        time.sleep(rng.uniform(0.2, 1.0) * whole_s)
+        if killed % 2:  # at any time, also while the program starts
+            time.sleep(rng.uniform(0.1, 1.0) * whole_s)
+        else:  # while it measures, numbers the points or writes the file
+            wanted = int(rng.integers(1, STAGES // 100 + 1))
+            while parts(folder) < wanted and process.poll() is None:
+                time.sleep(0.002)
+            time.sleep(rng.exponential(0.05))
         if process.poll() is None:
             process.send_signal(signal.SIGKILL)
             killed += 1

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "videogrammetry/geometry/intersection.h"
@@ -18,6 +19,19 @@ struct CameraTargets {
   std::size_t size() const { return xy_px.size(); }
 };
 
+/// One camera's target of a point.
+struct ViewTarget {
+  int camera = 0, target = 0;
+};
+
+/// What the user has decided about targets of one stage.
+struct MatchEdits {
+  /// Sets of targets, at most one a camera, that are one point whatever their rays say.
+  std::vector<std::vector<ViewTarget>> together;
+  /// Pairs of targets that are not of one point.
+  std::vector<std::pair<ViewTarget, ViewTarget>> apart;
+};
+
 /// Options of matching. "Near" is decided by covariances, never by a fixed
 /// number of pixels.
 struct MatchingOptions {
@@ -27,9 +41,8 @@ struct MatchingOptions {
   /// A true dot's size times depth agrees between the cameras: larger ratios
   /// are no candidates. Range > 1; 0 = do not look at sizes.
   double max_size_ratio = 1.35;
-  /// Least log odds of a match against its best alternative, which may be that
-  /// the targets only met by chance (4.6: 100 to 1); below, they are reported
-  /// ambiguous. Range >= 0.
+  /// Least log odds that a match's targets are of one point (4.6: 100 to 1);
+  /// below, they are reported ambiguous. Range >= 0.
   double min_log_odds = 4.6;
   /// Neighbours that predict a target's depth on its surface; 0 = none.
   int neighbours = 8;
@@ -53,8 +66,9 @@ struct Match {
   std::vector<int> target;  ///< one a camera: index or -1
   int id = -1;              ///< code number or -1
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
-  double chi2 = 0.0;      ///< of the rays' intersection, 2n - 3 degrees of freedom
-  double log_odds = 0.0;  ///< against the best alternative; large where there is none
+  double chi2 = 0.0;               ///< of the rays' intersection, 2n - 3 degrees of freedom
+  double log_odds = 0.0;           ///< that all its targets are of one point, against all else
+  double false_probability = 0.0;  ///< 1 / (1 + exp(log_odds)); 0 of what the user has put together
 };
 
 struct MatchResult {
@@ -64,20 +78,35 @@ struct MatchResult {
 
 /// Matches the targets of all cameras of one stage.
 ///
-/// Coded targets by their ID, kept only where their rays meet. All others: every
-/// pair within the epipolar gate is intersected and projected into the other
-/// cameras; each resulting set of targets gets the log odds of "one point"
-/// against "met by chance",
-///   log prior odds - chi2/2 - (2n-3) log(sqrt(2 pi) s) - (n-1) log(density) - log(line length)
-/// (n cameras, s the targets' standard deviation in px, density in targets per
-/// px^2), plus the evidence of the surface that reliable neighbours span
-/// (inverse depth is affine in the picture of a plane). The globally best set
-/// of compatible matches is sought, and a match is kept if it is min_log_odds
-/// better than what would replace it.
+/// Coded targets by their ID, kept only where their rays meet. All others as the
+/// most credible explanation of all pictures at once. Points are a Poisson
+/// process of density rho in space; a camera in view has a target of each with
+/// probability q; its targets of no match are one of density lambda_c. A set S of
+/// n targets that are one point's then has, against "each is a target of no
+/// match", the log odds
+///   s(S) = log rho + 3/2 log 2 pi + 1/2 log |C| - chi2/2
+///          + sum_{c in S} [log q_c - log 2 pi - 1/2 log |Sigma_c| - log lambda_c]
+///          + sum_{c not in S, in view} log(1 - q_c),
+/// the integral over the point's place by Laplace's method, C its covariance. In
+/// the last sum, where another target's picture covers the place, 1 - q_c
+/// becomes 1 - q_c / 2: two pictures may have merged. rho, q (camera by camera)
+/// and lambda_c are estimated from the stage itself by expectation maximisation.
+/// Where the points span a surface, the neighbours' evidence is added (inverse
+/// depth is affine in the picture of a plane).
 ///
-/// @throws std::invalid_argument if the number of cameras differs, arrays differ
-///     in length, or an option is out of range.
+/// Compatible sets have the probability exp(sum s) / Z; a match's probability is
+/// the sum over all those in which its targets are one point (SetProbabilities),
+/// and it is kept if the odds are min_log_odds.
+///
+/// Sources: Cox, A review of statistical data association techniques for motion
+/// correspondence, IJCV 10, 1993; Poore, Multidimensional assignment formulation
+/// of data association problems, 1994.
+///
+/// @param edits  what the user has decided; it comes first.
+/// @throws std::invalid_argument if the number of cameras differs or is above 64,
+///     arrays differ in length, an option is out of range, or edits name a target
+///     that is not there or twice, or one that cannot be intersected.
 MatchResult MatchStage(const Rig& rig, std::span<const CameraTargets> cameras,
-                       const MatchingOptions& options = {});
+                       const MatchingOptions& options = {}, const MatchEdits& edits = {});
 
 }  // namespace videogrammetry

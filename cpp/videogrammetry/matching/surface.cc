@@ -6,11 +6,13 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 namespace videogrammetry {
 namespace {
 
-constexpr double kShareOffSurface = 0.05;
+constexpr double kNoSurface = 0.8;
+constexpr std::size_t kMostJudged = 64, kFewJudged = 8;
 constexpr int kMinNeighbours = 5;  // an affine function has 3 unknowns; two to judge it
 constexpr int kReweightings = 3;
 constexpr double kMinTriangle = 0.02;  // twice its area, in units of the neighbours' reach
@@ -113,27 +115,26 @@ bool PredictInverseDepth(const std::vector<Sample>& samples, const Eigen::Vector
   return true;
 }
 
-double InverseDepth(const OrientedCamera& oriented, const Eigen::Vector3d& position) {
-  return 1.0 / (oriented.cam_from_world * position).z();
+double InverseDepth(const CameraView& camera, const Eigen::Vector3d& position) {
+  return 1.0 / camera.depth_mm(position);
 }
 
-// Standard deviation of the inverse depth from the point's covariance.
-double InverseDepthVariance(const OrientedCamera& oriented, const Eigen::Vector3d& position,
+// Variance of the inverse depth from the point's covariance.
+double InverseDepthVariance(const CameraView& camera, const Eigen::Vector3d& position,
                             const Eigen::Matrix3d& cov) {
-  const Eigen::Vector3d axis = oriented.cam_from_world.rotation.row(2).transpose();
-  const double w = InverseDepth(oriented, position);
+  const Eigen::Vector3d axis = camera.rotation().row(2).transpose();
+  const double w = InverseDepth(camera, position);
   return w * w * w * w * axis.dot(cov * axis);
 }
 
-std::vector<Sample> Nearest(const OrientedCamera& oriented, const CameraTargets& targets,
-                            std::size_t camera, const std::vector<ReliablePoint>& reliable,
-                            const Candidate& candidate, int neighbours) {
-  const auto own = static_cast<std::size_t>(candidate.target[camera]);
-  const Eigen::Vector2d pixel = targets.xy_px[own];
+std::vector<Sample> Nearest(const CameraView& view, const CameraTargets& targets,
+                            std::size_t camera, const std::vector<ReliablePoint>& reliable, int own,
+                            int neighbours) {
+  const Eigen::Vector2d pixel = targets.xy_px[static_cast<std::size_t>(own)];
   std::vector<std::pair<double, const ReliablePoint*>> near;
   for (const ReliablePoint& point : reliable) {
     const int t = point.target[camera];
-    if (t < 0 || t == candidate.target[camera]) continue;
+    if (t < 0 || t == own) continue;
     near.emplace_back((targets.xy_px[static_cast<std::size_t>(t)] - pixel).squaredNorm(), &point);
   }
   const std::size_t count = std::min(near.size(), static_cast<std::size_t>(neighbours));
@@ -142,47 +143,81 @@ std::vector<Sample> Nearest(const OrientedCamera& oriented, const CameraTargets&
   for (std::size_t i = 0; i < count; ++i) {
     const ReliablePoint& point = *near[i].second;
     samples.push_back({targets.xy_px[static_cast<std::size_t>(point.target[camera])],
-                       InverseDepth(oriented, point.position_mm),
-                       InverseDepthVariance(oriented, point.position_mm, point.cov_mm2)});
+                       InverseDepth(view, point.position_mm),
+                       InverseDepthVariance(view, point.position_mm, point.cov_mm2)});
   }
   return samples;
 }
 
+// N(d; s) R of a point in one camera; nothing where the neighbours predict nothing.
+std::optional<double> DensityRatio(const CameraView& view, const CameraTargets& targets,
+                                   const StageStatistics& statistics,
+                                   const std::vector<ReliablePoint>& reliable,
+                                   const ViewTarget& own, const Eigen::Vector3d& position,
+                                   const Eigen::Matrix3d& cov, int neighbours) {
+  Prediction prediction;
+  if (!PredictInverseDepth(Nearest(view, targets, static_cast<std::size_t>(own.camera), reliable,
+                                   own.target, neighbours),
+                           targets.xy_px[static_cast<std::size_t>(own.target)], &prediction)) {
+    return std::nullopt;
+  }
+  const double w = InverseDepth(view, position);
+  const double sigma =
+      std::hypot(prediction.sigma, std::sqrt(InverseDepthVariance(view, position, cov)));
+  const double u = (w - prediction.inverse_depth) / sigma;
+  const Eigen::Vector3d along = (position - view.center()).normalized();
+  const double across = along.dot(statistics.box_information * along);
+  const double slope = view.rotation().row(2).dot(along);
+  // A uniform distribution's variance is its length squared over 12.
+  const double range = w * w * std::abs(slope) * std::sqrt(12 / std::max(across, 1e-300));
+  return range * std::exp(-0.5 * u * u) / (std::sqrt(2 * std::numbers::pi) * sigma);
+}
+
+// Share of the reliable points that lie on no surface of their neighbours.
+double ShareOffSurface(const std::vector<CameraView>& cameras, std::span<const CameraTargets> data,
+                       const StageStatistics& statistics,
+                       const std::vector<ReliablePoint>& reliable, int neighbours) {
+  std::vector<double> ratios;
+  const std::size_t step = std::max<std::size_t>(1, reliable.size() / kMostJudged);
+  for (std::size_t k = 0; k < reliable.size(); k += step) {
+    const ReliablePoint& point = reliable[k];
+    const auto first =
+        std::find_if(point.target.begin(), point.target.end(), [](int t) { return t >= 0; });
+    const auto c = static_cast<std::size_t>(first - point.target.begin());
+    const auto ratio =
+        DensityRatio(cameras[c], data[c], statistics, reliable, {static_cast<int>(c), *first},
+                     point.position_mm, point.cov_mm2, neighbours);
+    if (ratio) ratios.push_back(*ratio);
+  }
+  if (ratios.size() < kFewJudged) return 1.0;
+  double share = 0.2;
+  for (int round = 0; round < 20; ++round) {
+    double off = 1.0;  // one more, so that it is never none
+    for (const double r : ratios) off += share / (share + (1 - share) * r);
+    share = off / static_cast<double>(ratios.size() + 1);
+  }
+  return share;
+}
+
 }  // namespace
 
-void AddSurfaceEvidence(const Rig& rig, std::span<const CameraTargets> cameras,
-                        const std::vector<ReliablePoint>& reliable, int neighbours,
-                        std::vector<Candidate>* candidates) {
-  for (std::size_t c = 0; c < rig.size(); ++c) {
-    double low = 0, high = 0;
-    for (const Candidate& candidate : *candidates) {
-      if (candidate.target[c] < 0) continue;
-      const double w = InverseDepth(rig[c], candidate.point.position_mm);
-      low = low == 0 ? w : std::min(low, w);
-      high = std::max(high, w);
-    }
-    for (Candidate& candidate : *candidates) {
-      // Each candidate is judged in its first camera: the evidence is one.
-      const auto first = std::find_if(candidate.target.begin(), candidate.target.end(),
-                                      [](int t) { return t >= 0; });
-      if (first - candidate.target.begin() != static_cast<std::ptrdiff_t>(c)) continue;
-      candidate.score = candidate.geometric_score;
-      Prediction prediction;
-      if (!PredictInverseDepth(Nearest(rig[c], cameras[c], c, reliable, candidate, neighbours),
-                               cameras[c].xy_px[static_cast<std::size_t>(candidate.target[c])],
-                               &prediction)) {
-        continue;
-      }
-      const double sigma = std::hypot(
-          prediction.sigma, std::sqrt(InverseDepthVariance(rig[c], candidate.point.position_mm,
-                                                           candidate.point.cov_mm2)));
-      const double u =
-          (InverseDepth(rig[c], candidate.point.position_mm) - prediction.inverse_depth) / sigma;
-      const double density = std::exp(-0.5 * u * u) / (std::sqrt(2 * std::numbers::pi) * sigma);
-      candidate.score +=
-          std::log((1 - kShareOffSurface) * density * (high - low) + kShareOffSurface);
-    }
+bool SetSurfaceScores(const std::vector<CameraView>& cameras, std::span<const CameraTargets> data,
+                      const StageStatistics& statistics, const std::vector<ReliablePoint>& reliable,
+                      int neighbours, std::vector<Candidate>* candidates) {
+  for (Candidate& candidate : *candidates) candidate.surface_score = 0;
+  if (reliable.size() < kFewJudged || statistics.box_information.isZero(0)) return false;
+  const double off = ShareOffSurface(cameras, data, statistics, reliable, neighbours);
+  if (off > kNoSurface) return false;
+  for (Candidate& candidate : *candidates) {
+    // Each candidate is judged in its first camera: the evidence is one.
+    const ViewTarget& own = candidate.used.front();
+    const auto c = static_cast<std::size_t>(own.camera);
+    const auto ratio =
+        DensityRatio(cameras[c], data[c], statistics, reliable, own, candidate.point.position_mm,
+                     candidate.point.cov_mm2(), neighbours);
+    if (ratio) candidate.surface_score = std::log((1 - off) * *ratio + off);
   }
+  return true;
 }
 
 }  // namespace videogrammetry

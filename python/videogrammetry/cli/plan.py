@@ -219,22 +219,7 @@ def plan_text(plan: Plan) -> str:
     header += [f"{s} {w}" for s in ("image", "calib.", "both") for w in ("median", "95 %", "worst")]
     lines = [f"{volume_text(plan)}, {100 * plan.part_seen:.0f} % of it seen by two cameras"]
     lines += [verdict_text(plan), "", text_table(header, rows)]
-    counts = [
-        [
-            str(row.count),
-            *(
-                millimetres(v)
-                for v in (
-                    row.distance_calibration_mm,
-                    row.distance_mm,
-                    row.distance_near_mm,
-                    row.position_calibration_mm,
-                    row.position_mm,
-                )
-            ),
-        ]
-        for row in plan.counts
-    ]
+    counts = [[str(row.count), *map(millimetres, row.columns_mm())] for row in plan.counts]
     lines.append(
         text_table(
             ["positions", "distance: calib.", "both", "near middle", "position: calib.", "both"],

@@ -2,9 +2,18 @@
 
 from videogrammetry.matching.match import (
     TARGET_STATUS,
+    MatchEdits,
     MatchingOptions,
     image_covariance,
     match_stage,
+    match_stages,
 )
 
-__all__ = ["TARGET_STATUS", "MatchingOptions", "image_covariance", "match_stage"]
+__all__ = [
+    "TARGET_STATUS",
+    "MatchEdits",
+    "MatchingOptions",
+    "image_covariance",
+    "match_stage",
+    "match_stages",
+]

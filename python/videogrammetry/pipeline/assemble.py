@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -19,15 +20,15 @@ from videogrammetry.motion import (
     plan_motion,
     trajectory_rows,
 )
-from videogrammetry.pipeline.chunk_record import ChunkRecord
+from videogrammetry.pipeline.chunk_record import SURE_LOG_ODDS, ChunkRecord
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
 from videogrammetry.pipeline.totals import Totals
-from videogrammetry.tracking import link_stages
+from videogrammetry.tracking import Tracker
 from videogrammetry.types import (
+    POINT_FLAGS,
     FloatArray,
     IntArray,
     Motion,
-    StagePoints,
     TargetRecords,
     Trajectories,
     matrix_from_cov6,
@@ -57,7 +58,8 @@ class Linked:
     Attributes
     ----------
     point_id : (P,) numbers of all points, ascending.
-    numbers : of every chunk the numbers of its points.
+    numbers : of every chunk the numbers of its points. unsure : whether another number
+        is not much less likely.
     first, last : (P,) the first and last chunk that has the point.
     stages : (P,) at how many stages it was measured.
     num_targets : of all stages. totals : what is said of them.
@@ -65,55 +67,57 @@ class Linked:
 
     point_id: IntArray
     numbers: list[IntArray]
+    unsure: list[npt.NDArray[np.bool_]]
     first: IntArray
     last: IntArray
     stages: IntArray
     num_targets: int
-    totals: Totals = field(default_factory=Totals)
+    totals: Totals
 
 
 def link_chunks(store: ChunkStore, chunks: Sequence[Chunk], first_free_id: int) -> Linked:
     """Numbers for the points of all stages."""
-    totals = Totals()
-    stages: list[StagePoints] = []
-    sizes, num_targets = [], 0
+    totals, tracker = Totals(), Tracker(first_free_id)
+    of_chunk: list[IntArray] = []
+    odds_of_chunk: list[FloatArray] = []
+    stages: list[IntArray] = []  # views into the chunks'
+    odds: list[FloatArray] = []
+    begun: dict[int, int] = {}
+    num_targets = 0
     for chunk in chunks:
         record = store.get(chunk)
         totals.add(record)
         num_targets += len(record.code_id)
-        sizes.append(len(record.point_code))
-        stages += _stage_points(record)
-    numbers = np.concatenate([np.empty(0, np.int32), *link_stages(stages, first_free_id)])
-    of_chunk = np.split(numbers.astype(np.int32), np.cumsum(sizes)[:-1])
-    point_id, column = np.unique(numbers.astype(np.int32), return_inverse=True)
+        offsets = record.point_offsets()
+        cov = matrix_from_cov6(record.cov_image_mm2)
+        of_chunk.append(np.empty(offsets[-1], np.int32))
+        odds_of_chunk.append(np.empty(offsets[-1]))
+        for a, b in itertools.pairwise(offsets.tolist()):
+            links = tracker.add(record.point_code[a:b], record.position_mm[a:b], cov[a:b])
+            links.revise(stages, odds, begun)
+            of_chunk[-1][a:b], odds_of_chunk[-1][a:b] = links.number, links.log_odds
+            for number in links.number.tolist():
+                begun.setdefault(number, len(stages))
+            stages.append(of_chunk[-1][a:b])
+            odds.append(odds_of_chunk[-1][a:b])
+    return _linked(of_chunk, [o < SURE_LOG_ODDS for o in odds_of_chunk], num_targets, totals)
+
+
+def _linked(
+    of_chunk: list[IntArray],
+    unsure: list[npt.NDArray[np.bool_]],
+    num_targets: int,
+    totals: Totals,
+) -> Linked:
+    sizes = [len(numbers) for numbers in of_chunk]
+    point_id, column = np.unique(np.concatenate(of_chunk), return_inverse=True)
     chunk_of = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
     first = np.full(len(point_id), len(sizes), dtype=np.int32)
     last = np.full(len(point_id), -1, dtype=np.int32)
     np.minimum.at(first, column, chunk_of)
     np.maximum.at(last, column, chunk_of)
     count = np.bincount(column, minlength=len(point_id)).astype(np.int32)
-    return Linked(point_id, of_chunk, first, last, count, num_targets, totals)
-
-
-def _stage_points(record: ChunkRecord) -> list[StagePoints]:
-    """The points of every stage of a record, as linking looks at them."""
-    offsets = record.point_offsets()
-    cov = matrix_from_cov6(record.cov_image_mm2)
-    none = np.empty(0)
-    return [
-        StagePoints(
-            id=record.point_code[a:b],
-            target=np.empty((b - a, 0), np.int32),
-            position_mm=record.position_mm[a:b],
-            cov_image_mm2=cov[a:b],
-            cov_rig_mm2=none,
-            rms_px=none,
-            chi2=none,
-            convergence_rad=none,
-            residual_px=none,
-        )
-        for a, b in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True)
-    ]
+    return Linked(point_id, of_chunk, unsure, first, last, count, num_targets, totals)
 
 
 def assemble(
@@ -132,11 +136,11 @@ def assemble(
         after = store.get(chunks[k + 1]) if k + 1 < len(chunks) else None
         # Points of the neighbours belong to it as well, for a step may begin or end here.
         columns = np.flatnonzero((linked.first <= k + 1) & (linked.last >= k - 1))
-        part = builder.trajectories(record, linked.numbers[k], columns)
+        part = builder.trajectories(record, k, columns)
         padded = [] if before is None else [_at_columns(before, part)]
         padded.append(part)
         if after is not None:
-            padded.append(builder.trajectories(after, linked.numbers[k + 1], columns, 1))
+            padded.append(builder.trajectories(after, k + 1, columns, 1))
         motion = motion_part(_joined(padded), plan)
         skip = 0 if before is None else 1
         motion = motion_rows(motion, slice(skip, skip + len(part.stage)))
@@ -173,7 +177,7 @@ def plan_of_chunks(
     k = where[0]
     builder = TrajectoryBuilder(linked, None, camera_names)
     every = np.arange(len(linked.point_id))
-    part = builder.trajectories(store.get(chunks[k]), linked.numbers[k], every)
+    part = builder.trajectories(store.get(chunks[k]), k, every)
     row = reference - chunks[k][0]
     of_stage = trajectory_rows(part, slice(row, row + 1))
     if options.centroid_points is None:
@@ -216,12 +220,12 @@ class TrajectoryBuilder:
     def trajectories(
         self,
         record: ChunkRecord,
-        numbers: IntArray,
+        chunk: int,
         columns: npt.NDArray[np.intp],
         stages: int | None = None,
     ) -> Trajectories:
         """Of the points at ``columns``, at all or the first so many stages of a record."""
-        stage = record.stage[:stages]
+        stage, numbers = record.stage[:stages], self._linked.numbers[chunk]
         row = np.repeat(np.arange(len(record.stage)), record.point_count)
         index = np.flatnonzero(row < len(stage))
         place = np.full(len(self._linked.point_id), -1, dtype=np.intp)
@@ -239,7 +243,8 @@ class TrajectoryBuilder:
         used = np.zeros((*shape, len(self._cameras)), dtype=bool)
         used[row, column] = record.cameras_used[index]
         flags = np.zeros(shape, dtype=np.uint8)
-        flags[row, column] = record.flags[index]
+        unsure = self._linked.unsure[chunk][index] * np.uint8(_AMBIGUOUS)
+        flags[row, column] = record.flags[index] | unsure
         rate = self._rate
         return Trajectories(
             stage=stage,
@@ -255,6 +260,7 @@ class TrajectoryBuilder:
         )
 
 
+_AMBIGUOUS = 1 << POINT_FLAGS.index("ambiguous")
 _PER_POINT = ("position_mm", "cov_mm2", "cov_image_mm2", "rms_px", "cameras_used", "flags")
 
 

@@ -9,12 +9,20 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.matching import MatchingOptions, image_covariance, match_stage
+from videogrammetry.matching import MatchingOptions, image_covariance, match_stages
 from videogrammetry.pipeline.circle_size import SizeCheck, check_size
 from videogrammetry.pipeline.eccentricity import possible_eccentricity
 from videogrammetry.pipeline.facing import check_facing
 from videogrammetry.reconstruction import CalibrationField, Triangulator, reconstruct_stage
-from videogrammetry.types import FloatArray, IntArray, Matches, RigData, StagePoints, Targets
+from videogrammetry.types import (
+    FlatTargets,
+    FloatArray,
+    IntArray,
+    Matches,
+    RigData,
+    StagePoints,
+    Targets,
+)
 
 Offsets = npt.NDArray[np.int64]
 
@@ -150,26 +158,28 @@ def _match(
     options: MatchingOptions | None,
     extra_cov_px2: Sequence[FloatArray],
 ) -> Matches:
-    """Matches of all stages, one after the other, with targets counted over the chunk."""
-    parts = []
-    for s in range(len(cameras[0])):
-        targets = [camera[s] for camera in cameras]
-        extra = [
-            cov[camera.offsets[s] : camera.offsets[s + 1]]
-            for camera, cov in zip(cameras, extra_cov_px2, strict=True)
-        ]
-        found = match_stage(rig, targets, options, extra)
-        first = np.array([camera.offsets[s] for camera in cameras], dtype=np.int32)
-        target = np.where(found.target >= 0, found.target + first, np.int32(-1))
-        parts.append((target.astype(np.int32), found))
-    found_all = [found for _, found in parts]
+    """Matches of all stages, each in the light of the others, with targets counted over
+    the chunk.
+    """
+    flat = [
+        FlatTargets(
+            offsets=camera.offsets,
+            centre_px=camera.targets.centre_px,
+            cov_px2=image_covariance(camera.targets, 0.0),
+            id=camera.unique_id,
+            semi_major_px=np.ascontiguousarray(camera.targets.semi_axes_px[:, 0]),
+        )
+        for camera in cameras
+    ]
+    found = match_stages(rig, flat, options, extra_cov_px2)
+    stage = np.repeat(np.arange(len(found.offsets) - 1), np.diff(found.offsets))
+    first = np.stack([camera.offsets[stage] for camera in cameras], axis=1)
+    target = np.where(found.target >= 0, found.target + first, -1).astype(np.int32)
     return Matches(
-        target=np.concatenate([np.empty((0, len(cameras)), np.int32), *(t for t, _ in parts)]),
-        id=np.concatenate([np.empty(0, np.int32), *(m.id for m in found_all)]),
-        chi2=np.concatenate([np.empty(0), *(m.chi2 for m in found_all)]),
-        log_odds=np.concatenate([np.empty(0), *(m.log_odds for m in found_all)]),
-        status=tuple(
-            np.concatenate([np.empty(0, np.uint8), *(m.status[c] for m in found_all)])
-            for c in range(len(cameras))
-        ),
+        target=target,
+        id=found.id,
+        chi2=found.chi2,
+        log_odds=found.log_odds,
+        false_probability=found.false_probability,
+        status=found.status,
     )

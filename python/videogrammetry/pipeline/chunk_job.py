@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from videogrammetry.calibration.calibrated_volume import CalibratedVolume
 from videogrammetry.matching import MatchingOptions
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
-from videogrammetry.pipeline.chunk_record import CalibratedVolume, ChunkRecord, make_record
+from videogrammetry.pipeline.chunk_record import ChunkRecord, make_record
 from videogrammetry.project import plain
 from videogrammetry.recognition import (
     CameraModel,

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull, QhullError
 
+from videogrammetry.calibration.calibrated_volume import CalibratedVolume
 from videogrammetry.errors import MeasurementError
 from videogrammetry.matching import TARGET_STATUS
 from videogrammetry.pipeline.chunk import ChunkResult
@@ -20,16 +20,13 @@ from videogrammetry.types import (
     POINT_FLAGS,
     FloatArray,
     IntArray,
-    RigData,
     cov6_from_matrix,
 )
 
-#: Least log odds of an un-coded match that is not called ambiguous: 100 to 1.
-_SURE = 4.6
+#: Least log odds of a match or a link that is not called ambiguous: 100 to 1.
+SURE_LOG_ODDS = 4.6
 #: Of the RMS residual over what its redundancy lets expect: two-sided 1e-4.
 _CRITICAL = 3.89
-#: How far beyond the calibrated volume a point is outside, as a share of its diameter.
-_BORDER = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +174,7 @@ def _flags(result: ChunkResult, volume: CalibratedVolume) -> npt.NDArray[np.uint
     redundancy = np.maximum(2 * rays - 3, 1)
     width = 2 / (9 * redundancy)
     normal = (np.cbrt(points.chi2 / redundancy) - (1 - width)) / np.sqrt(width)
-    unsure = (points.id < 0) & (_log_odds(result) < _SURE)
+    unsure = (points.id < 0) & (_log_odds(result) < SURE_LOG_ODDS)
     said = {
         "two_rays": rays == 2,
         "large_residual": normal > _CRITICAL,
@@ -200,27 +197,6 @@ def _log_odds(result: ChunkResult) -> FloatArray:
         here = np.flatnonzero(result.points.target[:, c] >= 0)
         odds[here] = of_target[result.points.target[here, c]]
     return odds
-
-
-class CalibratedVolume:
-    """The convex hull of where the target stood during the calibration, and a border around."""
-
-    def __init__(self, rig: RigData) -> None:
-        self._planes: FloatArray | None = None
-        if rig.volume_mm is None or len(rig.volume_mm) < 4:
-            return
-        try:
-            self._planes = ConvexHull(rig.volume_mm).equations
-        except QhullError:
-            return  # a plane has no inside
-        self._border = _BORDER * float(np.linalg.norm(np.ptp(rig.volume_mm, axis=0)))
-
-    def contains(self, position_mm: FloatArray) -> npt.NDArray[np.bool_]:
-        """(N,) whether points lie in it; all do where the rig knows of no volume."""
-        if self._planes is None or not len(position_mm):
-            return np.ones(len(position_mm), dtype=bool)
-        outside = position_mm @ self._planes[:, :3].T + self._planes[:, 3]
-        return np.asarray(outside.max(axis=1) <= self._border)
 
 
 def write_record(path: Path, record: ChunkRecord) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -74,15 +73,7 @@ def check_size(
         c = int(np.argmax(target[row] >= 0))
         status[c][target[row, c]] = _NO_PARTNER
         target[row, c] = -1
-    keep = (target >= 0).any(axis=1)
-    left = dataclasses.replace(
-        matches,
-        target=target[keep],
-        id=matches.id[keep],
-        chi2=matches.chi2[keep],
-        log_odds=matches.log_odds[keep],
-        status=tuple(status),
-    )
+    left = matches.with_targets(target, matches.id, tuple(status))
     return SizeCheck(matches=left, num_checked=checked, measured_mm=sizes)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -61,15 +60,7 @@ def check_facing(
             numbers[row] = -1  # the code was read on the face that is gone
     if not changed:
         return matches
-    keep = (target >= 0).any(axis=1)
-    return dataclasses.replace(
-        matches,
-        target=target[keep],
-        id=numbers[keep],
-        chi2=matches.chi2[keep],
-        log_odds=matches.log_odds[keep],
-        status=tuple(status),
-    )
+    return matches.with_targets(target, numbers, tuple(status))
 
 
 def _may_part(

@@ -110,6 +110,18 @@ class CountRow:
     position_mm: float = math.nan
     distance_near_mm: float = math.nan
 
+    def columns_mm(self) -> tuple[float, ...]:
+        """As tables show them: the distance by the calibration alone, together, near the
+        middle; the position by the calibration alone, together.
+        """
+        return (
+            self.distance_calibration_mm,
+            self.distance_mm,
+            self.distance_near_mm,
+            self.position_calibration_mm,
+            self.position_mm,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:

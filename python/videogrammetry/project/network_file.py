@@ -120,16 +120,8 @@ def read_network_file(path: str | os.PathLike[str]) -> NetworkFile:
         Not there, not TOML, unknown key, wrong value, newer schema: the message
         names file, line and remedy. Files that it names are not looked at yet.
     """
-    file = Path(path)
-    if file.is_dir():
-        file = file / "network.toml"
-    if not file.is_file():
-        raise ProjectFileError(
-            f"{file}: there is no such network file; give the path of a network.toml"
-        )
-    root = TomlTable.load(file)
-    _check_schema(root)
-    folder = file.resolve().parent
+    root, file = TomlTable.open_schema(path, "network.toml", "network", SCHEMA)
+    folder = file.parent
     observations = root.string("observations")
     points = root.string("points", None)
     bars = root.string("scale_bars", None)
@@ -154,7 +146,7 @@ def read_network_file(path: str | os.PathLike[str]) -> NetworkFile:
     if network["fixed"] and points is None:
         raise root.error("fixed", 'names points, but there is no table of them: add points = "..."')
     return NetworkFile(
-        path=file.resolve(),
+        path=file,
         cameras=sections,
         images=_images(images, list(sections)),
         observations=folder / observations,
@@ -162,20 +154,6 @@ def read_network_file(path: str | os.PathLike[str]) -> NetworkFile:
         scale_bars=None if bars is None else folder / bars,
         **network,
     )
-
-
-def _check_schema(root: TomlTable) -> None:
-    if "schema" not in root.names():
-        raise root.error(None, f"schema is missing: write schema = {SCHEMA} on its first line")
-    schema = root.integer("schema")
-    if schema > SCHEMA:
-        raise root.error(
-            "schema",
-            f"= {schema} is newer than this program, which reads up to {SCHEMA}: "
-            "update videogrammetry",
-        )
-    if schema < 1:
-        raise root.error("schema", f"= {schema} has never been: write schema = {SCHEMA}")
 
 
 def _snooping(root: TomlTable) -> float:

@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from videogrammetry.errors import ProjectFileError
 from videogrammetry.project.toml_table import TomlTable, nearest
 from videogrammetry.project.verify_section import VerifySection, verify_section
 from videogrammetry.types import INTERIOR_NAMES
@@ -217,16 +216,8 @@ def read_project(path: str | os.PathLike[str]) -> Project:
         Not there, not TOML, unknown key, wrong value, newer schema: the message
         names file, line and remedy. Files that it names are not looked at yet.
     """
-    file = Path(path)
-    if file.is_dir():
-        file = file / "project.toml"
-    if not file.is_file():
-        raise ProjectFileError(
-            f"{file}: there is no such project file; give the path of a project.toml"
-        )
-    root = TomlTable.load(file)
-    _check_schema(root)
-    folder = file.resolve().parent
+    root, file = TomlTable.open_schema(path, "project.toml", "project", SCHEMA)
+    folder = file.parent
     name = root.string("name", folder.name)
     rig = _file(root, "rig", folder)
     sections = (
@@ -242,7 +233,7 @@ def read_project(path: str | os.PathLike[str]) -> Project:
     tables = {section: root.table(section) for section in sections}
     root.finish()
     return Project(
-        path=file.resolve(),
+        path=file,
         name=name,
         cameras=_cameras(tables["cameras"], tables["calibration"], tables["interfaces"].names()),
         interfaces=_interfaces(tables["interfaces"]),
@@ -254,20 +245,6 @@ def read_project(path: str | os.PathLike[str]) -> Project:
         verify=verify_section(tables["verify"], folder),
         rig=rig,
     )
-
-
-def _check_schema(root: TomlTable) -> None:
-    if "schema" not in root.names():
-        raise root.error(None, f"schema is missing: write schema = {SCHEMA} on its first line")
-    schema = root.integer("schema")
-    if schema > SCHEMA:
-        raise root.error(
-            "schema",
-            f"= {schema} is newer than this program, which reads up to {SCHEMA}: "
-            "update videogrammetry",
-        )
-    if schema < 1:
-        raise root.error("schema", f"= {schema} has never been: write schema = {SCHEMA}")
 
 
 def _interfaces(table: TomlTable) -> dict[str, InterfaceSection]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
@@ -47,6 +48,41 @@ class TomlTable:
             raise ProjectFileError(
                 f"{path}: not valid TOML: {error}; texts stand in quotes, numbers do not"
             ) from error
+
+    @classmethod
+    def open_schema(
+        cls, path: str | os.PathLike[str], default_name: str, what: str, newest: int
+    ) -> tuple[TomlTable, Path]:
+        """A file of a known schema, or the one named ``default_name`` in a folder; and its path.
+
+        Raises
+        ------
+        ProjectFileError
+            Not there, not TOML, no schema, or a newer one.
+        """
+        file = Path(path)
+        if file.is_dir():
+            file = file / default_name
+        if not file.is_file():
+            raise ProjectFileError(
+                f"{file}: there is no such {what} file; give the path of a {default_name}"
+            )
+        root = cls.load(file)
+        root._check_schema(newest)
+        return root, file.resolve()
+
+    def _check_schema(self, newest: int) -> None:
+        if "schema" not in self.names():
+            raise self.error(None, f"schema is missing: write schema = {newest} on its first line")
+        schema = self.integer("schema")
+        if schema > newest:
+            raise self.error(
+                "schema",
+                f"= {schema} is newer than this program, which reads up to {newest}: "
+                "update videogrammetry",
+            )
+        if schema < 1:
+            raise self.error("schema", f"= {schema} has never been: write schema = {newest}")
 
     def error(self, key: str | None, message: str) -> ProjectFileError:
         """The error to raise about a key of this table (or the table itself)."""

@@ -296,22 +296,7 @@ def _panel(plan: Plan, section: Section, values: FloatArray) -> Panel:
 
 def _positions(plan: Plan) -> str:
     """How the number of the target's positions tells."""
-    rows = [
-        [
-            str(row.count),
-            *(
-                millimetres(v)
-                for v in (
-                    row.distance_calibration_mm,
-                    row.distance_mm,
-                    row.distance_near_mm,
-                    row.position_calibration_mm,
-                    row.position_mm,
-                )
-            ),
-        ]
-        for row in plan.counts
-    ]
+    rows = [[str(row.count), *map(millimetres, row.columns_mm())] for row in plan.counts]
     length = f"distance of {plan.options.length_mm:g} mm"
     header = ["positions", f"{length}: calibration", "together", "near middle"]
     header += ["position: calibration", "together"]

@@ -1,5 +1,20 @@
 """Tracking: points of the stages to trajectories."""
 
-from videogrammetry.tracking.link import LinkOptions, build_trajectories, link_stages
+from videogrammetry.tracking.gaps import FillOptions, fill_gaps
+from videogrammetry.tracking.link import (
+    LinkOptions,
+    StageLinks,
+    Tracker,
+    build_trajectories,
+    link_stages,
+)
 
-__all__ = ["LinkOptions", "build_trajectories", "link_stages"]
+__all__ = [
+    "FillOptions",
+    "LinkOptions",
+    "StageLinks",
+    "Tracker",
+    "build_trajectories",
+    "fill_gaps",
+    "link_stages",
+]

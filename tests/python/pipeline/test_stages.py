@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from two_pairs import NAMES, two_pair_rig
 
+from videogrammetry.calibration.calibrated_volume import CalibratedVolume
 from videogrammetry.errors import MeasurementError
 from videogrammetry.geometry import project
 from videogrammetry.matching import TARGET_STATUS
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
-from videogrammetry.pipeline.chunk_record import CalibratedVolume, make_record
+from videogrammetry.pipeline.chunk_record import make_record
 from videogrammetry.pipeline.totals import (
     Totals,
     nothing_measured,

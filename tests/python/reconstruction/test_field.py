@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from videogrammetry.geometry import CAMERA_PARAMETERS, project
+from videogrammetry.geometry import CAMERA_PARAMETERS, fit_rigid, project
 from videogrammetry.reconstruction import CalibrationField, Rig, Triangulator
-from videogrammetry.tracking.link import fit_rigid
 from videogrammetry.types import RigCamera
 
 SIGMAS = {

@@ -1,0 +1,101 @@
+#include "videogrammetry/matching/statistics.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace videogrammetry {
+namespace {
+
+// The detections' prior: as if so many points had been looked at.
+constexpr double kPriorCount = 4.0;
+constexpr double kPriorSeen = 0.85;
+constexpr double kLeastSeen = 0.005, kMostSeen = 0.995;
+// A box is no flatter than this share of its longest side: points on a panel are near it.
+constexpr double kFlattest = 0.05;
+constexpr double kFewPoints = 5.0;
+// Detections are counted on points of this probability: among many unlikely pairs, most of
+// them chance, no camera seems to see what another does.
+constexpr double kProven = 0.9;
+// Lone targets are this share of all at least.
+constexpr double kLeastLone = 0.02;
+
+// Sums of the weighted points' positions.
+struct Cloud {
+  double count = 0;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d square = Eigen::Matrix3d::Zero();
+
+  void Add(const Eigen::Vector3d& position, double weight) {
+    count += weight;
+    sum += weight * position;
+    square += weight * position * position.transpose();
+  }
+  // Of a box with these moments: a uniform one's variance is its length squared over 12.
+  double Volume(Eigen::Matrix3d* information) const {
+    const Eigen::Vector3d mean = sum / count;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(square / count -
+                                                              mean * mean.transpose());
+    Eigen::Vector3d side = (12 * axes.eigenvalues().cwiseMax(0.0)).cwiseSqrt();
+    side = side.cwiseMax(std::max(kFlattest * side.maxCoeff(), 1e-3));
+    *information = axes.eigenvectors() * (12 / side.array().square()).matrix().asDiagonal() *
+                   axes.eigenvectors().transpose();
+    return side.prod();
+  }
+};
+
+void CountDetections(const Candidate& candidate, double weight, Eigen::MatrixXd* hits,
+                     Eigen::MatrixXd* trials) {
+  for (const ViewTarget& s : candidate.used) {
+    if (candidate.size() < 3) break;
+    for (const ViewTarget& o : candidate.used) {
+      if (o.camera == s.camera) continue;
+      (*hits)(s.camera, o.camera) += weight;
+      (*trials)(s.camera, o.camera) += weight;
+    }
+  }
+  for (std::uint64_t left = candidate.in_view; left != 0; left &= left - 1) {
+    const int c = std::countr_zero(left);
+    for (const ViewTarget& o : candidate.used) (*trials)(c, o.camera) += weight;
+  }
+}
+
+}  // namespace
+
+StageStatistics EstimateStatistics(const std::vector<CameraView>& cameras,
+                                   const std::vector<TargetView>& targets,
+                                   const std::vector<Candidate>& candidates,
+                                   const std::vector<Candidate>& known,
+                                   const StageStatistics& before) {
+  const auto n = static_cast<Eigen::Index>(cameras.size());
+  Eigen::MatrixXd hits = Eigen::MatrixXd::Constant(n, n, kPriorCount * kPriorSeen);
+  Eigen::MatrixXd trials = Eigen::MatrixXd::Constant(n, n, kPriorCount);
+  std::vector<double> lone;
+  for (const TargetView& t : targets) lone.push_back(static_cast<double>(t.size()));
+  Cloud cloud;
+  const auto count = [&](const Candidate& candidate, double weight) {
+    if (weight < 1e-3) return;
+    for (const ViewTarget& s : candidate.used) lone[static_cast<std::size_t>(s.camera)] -= weight;
+    cloud.Add(candidate.point.position_mm, weight);
+    if (cameras.size() > 2 && weight > kProven) {
+      CountDetections(candidate, weight, &hits, &trials);
+    }
+  };
+  for (const Candidate& candidate : candidates) count(candidate, candidate.probability);
+  for (const Candidate& candidate : known) count(candidate, 1.0);
+
+  StageStatistics statistics = before;
+  statistics.seen = hits.cwiseQuotient(trials).cwiseMax(kLeastSeen).cwiseMin(kMostSeen);
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    statistics.log_lone[c] =
+        std::log((std::max(lone[c], kLeastLone * static_cast<double>(targets[c].size())) + 1.0) /
+                 cameras[c].area());
+  }
+  if (cloud.count >= kFewPoints) {
+    statistics.log_density = std::log(cloud.count / cloud.Volume(&statistics.box_information));
+  }
+  return statistics;
+}
+
+}  // namespace videogrammetry

@@ -34,3 +34,7 @@ class MeasurementError(VideogrammetryError):
 
 class SequenceWarning(UserWarning):
     """A sequence is not as it should be, but can be measured in: the message says how."""
+
+
+class MeasurementWarning(UserWarning):
+    """What was kept of a measurement is not as it should be, but the work can go on."""

@@ -12,22 +12,12 @@ import sys
 import time
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
+from measured_data import datasets
 from small_project import write_small_project
 
 STAGES = 1500  # fifteen chunks
-
-
-def datasets(path: Path) -> dict[str, bytes]:
-    """The bytes of every dataset of a measurement file."""
-    found: dict[str, bytes] = {}
-    with h5py.File(path) as file:
-        for name, dataset in file.items():
-            value = dataset[()]
-            found[name] = value.tobytes() if value.dtype != object else repr(value).encode()
-    return found
 
 
 def begin(folder: Path) -> subprocess.Popen[bytes]:

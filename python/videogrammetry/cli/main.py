@@ -32,7 +32,7 @@ from videogrammetry.cli import (
     verify,
 )
 from videogrammetry.cli.common import UsageError
-from videogrammetry.errors import SequenceWarning, VideogrammetryError
+from videogrammetry.errors import MeasurementWarning, SequenceWarning, VideogrammetryError
 from videogrammetry.version import __version__
 
 VERBS = (
@@ -51,6 +51,10 @@ VERBS = (
     info,
     doctor,
 )
+
+
+#: Warnings that are shown as one paragraph.
+_OURS = (SequenceWarning, MeasurementWarning)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -81,7 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("always", SequenceWarning)
+            for category in _OURS:
+                warnings.simplefilter("always", category)
             warnings.showwarning = functools.partial(_show_warning, args.verb)
             status = int(args.run(args))
         sys.stdout.flush()
@@ -109,7 +114,7 @@ def _show_warning(
     *rest: object,
 ) -> None:
     """What the library warns of as one paragraph; other warnings as Python shows them."""
-    if issubclass(category, SequenceWarning):
+    if issubclass(category, _OURS):
         print(f"videogrammetry {verb}: warning: {' '.join(str(message).split())}", file=sys.stderr)
     else:
         sys.stderr.write(warnings.formatwarning(message, category, filename, lineno))

@@ -112,8 +112,13 @@ class ChunkWorker:
 def learn_models(
     sources: Mapping[str, FrameSource], recognition: RecognitionOptions, stages: tuple[int, int]
 ) -> dict[str, CameraModel | None]:
-    """What the pictures of every camera have in common, from a few of all that are measured."""
-    first, last = stages
+    """What the pictures of every camera have in common, from a few of the first chunk's.
+
+    Not of all: what a stage gives must not depend on how much is recorded after it, so that
+    a recording can be measured while it is written. Of a camera that sees no target there,
+    every chunk learns for itself.
+    """
+    first, last = chunks_of(*stages)[0]
     return {
         name: learn_camera(source, recognition, first=first - 1, last=last - 1)
         for name, source in sources.items()

@@ -6,15 +6,18 @@ import json
 import re
 import shutil
 import threading
+import warnings
+import zipfile
 from pathlib import Path
 from typing import Protocol
 
-from videogrammetry.errors import MeasurementError
+from videogrammetry.errors import MeasurementError, MeasurementWarning
 from videogrammetry.pipeline.chunk_record import ChunkRecord, read_record, write_record
 from videogrammetry.project.atomic import write_text
 from videogrammetry.version import __version__
 
 Chunk = tuple[int, int]
+_JOB = "job.json"
 _PART = re.compile(r"stages-\d{7}-\d{7}\.npz")
 #: What a writer that was killed leaves behind.
 _UNFINISHED = re.compile(r"\.stages-.*\.part\.npz|\.job\..*\.part\.json")
@@ -61,32 +64,44 @@ class FolderStore:
     """Records as files of a folder, each of them whole or not there.
 
     A folder whose ``job.json`` names the same fingerprint and version goes on
-    where it ended; parts of other work are removed first.
+    where it ended; parts of other work are removed first, and so are damaged ones,
+    with a MeasurementWarning: they are measured anew.
 
     Parameters
     ----------
     folder : made where it is not there; anything else in it is left alone.
     fingerprint : of all that the records depend on.
-
-    Attributes
-    ----------
-    found : number of whole records that were there already.
     """
 
     def __init__(self, folder: Path, fingerprint: str) -> None:
-        self._folder = folder
-        told = json.dumps({"fingerprint": fingerprint, "version": __version__}, sort_keys=True)
-        job = folder / "job.json"
+        self._folder, self.fingerprint = folder, fingerprint
+        told = _told(fingerprint)
+        job = folder / _JOB
         folder.mkdir(exist_ok=True)
         same = job.is_file() and job.read_text(encoding="utf-8") == told
-        self.found = 0
         for path in folder.iterdir():
             if _UNFINISHED.fullmatch(path.name) or (not same and _PART.fullmatch(path.name)):
                 path.unlink(missing_ok=True)
-            elif _PART.fullmatch(path.name):
-                self.found += 1
+            elif _PART.fullmatch(path.name) and not _is_whole(path):
+                warnings.warn(
+                    f"{path}: this part of the measurement is damaged; its stages are measured "
+                    "anew (look at the disk: files that were whole do not change by themselves)",
+                    MeasurementWarning,
+                    stacklevel=2,
+                )
+                path.unlink()
         if not same:
             write_text(job, told)
+
+    @property
+    def folder(self) -> Path:
+        """Where the records are."""
+        return self._folder
+
+    def adopt(self, fingerprint: str) -> None:
+        """The records are those of a job with another fingerprint as well."""
+        write_text(self._folder / _JOB, _told(fingerprint))
+        self.fingerprint = fingerprint
 
     def missing(self, chunks: list[Chunk]) -> list[Chunk]:
         """Those of ``chunks`` that are not there yet."""
@@ -95,18 +110,11 @@ class FolderStore:
 
     def path(self, chunk: Chunk) -> Path:
         """The file of a chunk."""
-        return self._folder / f"stages-{chunk[0]:07d}-{chunk[1]:07d}.npz"
+        return self._folder / part_name(chunk)
 
     def put(self, chunk: Chunk, record: ChunkRecord) -> None:
         """Writes a record."""
-        try:
-            write_record(self.path(chunk), record)
-        except OSError as error:
-            raise MeasurementError(
-                f"{self.path(chunk)}: the stages {chunk[0]} to {chunk[1]} are measured but cannot "
-                f"be kept ({error}); what was written before stays: make room, or allow it, and "
-                "run `videogrammetry measure` again"
-            ) from error
+        _write(self.path(chunk), chunk, record)
 
     def get(self, chunk: Chunk) -> ChunkRecord:
         """Reads a record."""
@@ -115,7 +123,60 @@ class FolderStore:
     def remove(self) -> None:
         """Removes the records; the folder too, if nothing else is in it."""
         for path in list(self._folder.iterdir()):
-            if _PART.fullmatch(path.name) or path.name == "job.json":
+            if _PART.fullmatch(path.name) or path.name == _JOB:
                 path.unlink()
         if not any(self._folder.iterdir()):
             shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def part_name(chunk: Chunk) -> str:
+    """The file's name of a chunk."""
+    return f"stages-{chunk[0]:07d}-{chunk[1]:07d}.npz"
+
+
+def put_part(folder: Path, fingerprint: str, chunk: Chunk, record: ChunkRecord) -> None:
+    """Writes a record into the folder of another process's :class:`FolderStore`.
+
+    Raises
+    ------
+    MeasurementError
+        The folder is not there, or is another job's by now; or the disk is full.
+    """
+    job = folder / _JOB
+    try:
+        same = job.read_text(encoding="utf-8") == _told(fingerprint)
+    except OSError as error:
+        raise MeasurementError(
+            f"{folder}: this machine cannot see the parts of the measurement ({error}): all "
+            "workers need the project's folder under the same absolute path, on shared storage"
+        ) from error
+    if not same:
+        raise MeasurementError(f"{folder}: has become another measurement's; nothing is written")
+    _write(folder / part_name(chunk), chunk, record)
+
+
+def _write(path: Path, chunk: Chunk, record: ChunkRecord) -> None:
+    try:
+        write_record(path, record)
+    except OSError as error:
+        raise MeasurementError(
+            f"{path}: the stages {chunk[0]} to {chunk[1]} are measured but cannot be kept "
+            f"({error}); what was written before stays: make room, or allow it, and run "
+            "`videogrammetry measure` again"
+        ) from error
+
+
+def _told(fingerprint: str) -> str:
+    return json.dumps({"fingerprint": fingerprint, "version": __version__}, sort_keys=True)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether the checksums of a part's arrays are right."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            if file.testzip() is not None:
+                return False
+        read_record(path)
+    except (OSError, zipfile.BadZipFile, MeasurementError, ValueError, EOFError):
+        return False
+    return True

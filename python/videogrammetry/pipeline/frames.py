@@ -109,8 +109,8 @@ def map_bounded(work: Callable[[T], R], items: Iterable[T], num_threads: int = 0
                 future.cancel()
 
 
-def input_files(project: Project, sources: Mapping[str, JoinedSource]) -> list[str]:
+def input_files(project: Project, sources: Mapping[str, FrameSource]) -> list[str]:
     """The files that a result's provenance names."""
     table = [project.targets.codes] if os.path.isfile(project.targets.codes) else []
-    pictures = [str(p) for source in sources.values() for p in source.paths]
+    pictures = [str(p) for s in sources.values() for p in getattr(s, "paths", ())]
     return [str(project.path), *table, *pictures]

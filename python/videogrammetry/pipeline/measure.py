@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.errors import MeasurementError, ProjectFileError
+from videogrammetry.errors import (
+    MeasurementError,
+    ProjectFileError,
+    SequenceError,
+    VideogrammetryError,
+)
 from videogrammetry.geometry import select_cameras
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, MotionPlan
@@ -33,26 +39,36 @@ from videogrammetry.pipeline.chunk_job import (
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore, FolderStore, MemoryStore
 from videogrammetry.pipeline.frames import (
     Progress,
-    input_files,
     map_bounded,
     not_applied_yet,
-    open_cameras,
     recognition_options,
     silent,
 )
-from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink
+from videogrammetry.pipeline.measure_sources import (
+    CameraFrames,
+    all_inputs,
+    camera_frames,
+    common_frames,
+    frame_rate,
+    open_frames,
+    stage_range,
+    unreadable_frames,
+)
+from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink, least_bytes
 from videogrammetry.pipeline.totals import nothing_measured, refuse_senseless, stage_warnings
 from videogrammetry.project import (
     MeasurementLayout,
     Project,
+    one_at_a_time,
     open_measurement_writer,
     provenance,
     read_rig,
 )
 from videogrammetry.recognition import RING_STATUS, CameraModel, RecognitionOptions, code_family
 from videogrammetry.sequence import as_source, check_same_length
-from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.types import FrameSource, Measurement, RigData
+
+Models = Mapping[str, CameraModel | None]
 
 #: Where the finished chunks of a measurement wait, beside the project.
 PARTS_FOLDER = "measurement.parts"
@@ -71,6 +87,7 @@ class MeasureJob:
     options, motion : how. frame_rate_hz : None: times and velocities stay empty.
     inputs : files whose hashes the result carries, relative to ``folder``.
     warnings : what is to be said whatever is found.
+    frames : how the sequences are opened; empty where they are in memory.
     """
 
     rig: RigData
@@ -82,11 +99,16 @@ class MeasureJob:
     inputs: tuple[str | os.PathLike[str], ...] = ()
     folder: Path | None = None
     warnings: tuple[str, ...] = ()
+    frames: Mapping[str, CameraFrames] = field(default_factory=dict)
 
     @property
     def camera_names(self) -> tuple[str, ...]:
         """In the order of all results."""
         return tuple(self.rig.cameras)
+
+
+#: Measures chunks of a job into a store: gives each of them when its record is there.
+Runner = Callable[[MeasureJob, ChunkStore, Models, Sequence[Chunk]], Iterator[Chunk]]
 
 
 def measure_frames(
@@ -135,7 +157,7 @@ def measure_frames(
     """
     _check_numbers(diameter_mm, thickness_mm, full_every)
     sources = {name: as_source(source) for name, source in frames.items()}
-    rig = _rig_in_order(rig, sources)
+    rig = rig_in_order(rig, sources)
     job = MeasureJob(
         rig=rig,
         sources=sources,
@@ -174,7 +196,7 @@ def measure_project(
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
-    return _measure_in_memory(_job_of(project, rig), progress, num_threads)
+    return _measure_in_memory(job_of(project, rig), progress, num_threads)
 
 
 def measure_to_file(
@@ -183,6 +205,8 @@ def measure_to_file(
     rig: RigData | None = None,
     progress: Progress = silent,
     num_threads: int = 0,
+    skip_unreadable: bool = False,
+    run: Runner | None = None,
 ) -> StageTable:
     """Measure a project into its measurement.h5, with bounded memory, and resume.
 
@@ -190,6 +214,15 @@ def measure_to_file(
     project until the file is whole. A measurement that was interrupted goes on
     after the last chunk kept, with the same result, byte for byte; where
     pictures, rig or options have changed it begins anew.
+
+    Parameters
+    ----------
+    project : as ``read_project`` gives it.
+    rig : the calibrated cameras; None: the project's rig.json.
+    progress : told about the stages done.
+    num_threads : chunks at a time; 0 = one a core.
+    skip_unreadable : a frame that cannot be read is one without targets, with a warning.
+    run : who measures the chunks, ``cluster.ClusterRunner``; None: threads.
 
     Returns
     -------
@@ -199,13 +232,25 @@ def measure_to_file(
     Raises
     ------
     ProjectFileError, SequenceError, MeasurementError
-        Naming file or picture, and what to do.
+        Naming file or picture, and what to do; another process is measuring the project.
     """
-    job = _job_of(project, rig)
-    models = learn_models(job.sources, job.options.recognition, job.stages)
-    digest = fingerprint(job.rig, job.options, models, _file_states(job.inputs))
-    store = FolderStore(project.folder / PARTS_FOLDER, digest)
-    linked = _measure_chunks(job, store, models, progress, num_threads)
+    with one_at_a_time(lock_path(project), "measured"):
+        job = job_of(project, rig, skip_unreadable=skip_unreadable)
+        models = learn_models(job.sources, job.options.recognition, job.stages)
+        store = FolderStore(project.folder / PARTS_FOLDER, fingerprint_of(job, models))
+        return finish_file(project, job, store, models, progress, run or Threads(num_threads))
+
+
+def finish_file(
+    project: Project,
+    job: MeasureJob,
+    store: FolderStore,
+    models: Models,
+    progress: Progress,
+    run: Runner,
+) -> StageTable:
+    """Measures what the store does not have, and writes the project's measurement.h5."""
+    linked = _measure_chunks(job, store, models, progress, run)
     plan = _motion_plan(job, store, linked)
     layout = MeasurementLayout(
         stage=linked.totals.stage,
@@ -221,16 +266,43 @@ def measure_to_file(
         flag_meanings=_MEANINGS,
     )
     table = StageTable(linked.totals, layout.warnings)
-    with open_measurement_writer(project.measurement_path, layout) as writer:
-        _assemble(job, store, linked, plan, TeeSink(writer, table))
+    # Asked beforehand, because HDF5 does not survive a full disk.
+    needed = least_bytes(linked, chunks_of(*job.stages))
+    if shutil.disk_usage(project.folder).free < needed:
+        raise _no_room(project, f"at least {needed / 1e6:.1f} MB are needed")
+    try:
+        with open_measurement_writer(project.measurement_path, layout) as writer:
+            _assemble(job, store, linked, plan, TeeSink(writer, table))
+    except VideogrammetryError:
+        raise
+    except (OSError, RuntimeError) as error:  # HDF5 has its own kinds of a full disk
+        raise _no_room(project, str(error).splitlines()[0]) from error
     store.remove()
     return table
+
+
+def _no_room(project: Project, why: str) -> MeasurementError:
+    free = shutil.disk_usage(project.folder).free
+    return MeasurementError(
+        f"{project.measurement_path} cannot be written ({why}; {free / 1e6:.1f} MB are free on the "
+        "disk); all stages are measured and kept: make room, and run `videogrammetry measure` again"
+    )
+
+
+def lock_path(project: Project) -> Path:
+    """The file whose lock says that the project is being measured."""
+    return project.folder / ".measurement.lock"
+
+
+def fingerprint_of(job: MeasureJob, models: Models) -> str:
+    """The digest of all that a job's records depend on."""
+    return fingerprint(job.rig, job.options, models, _file_states(job.inputs))
 
 
 def _measure_in_memory(job: MeasureJob, progress: Progress, num_threads: int) -> Measurement:
     store = MemoryStore()
     models = learn_models(job.sources, job.options.recognition, job.stages)
-    linked = _measure_chunks(job, store, models, progress, num_threads)
+    linked = _measure_chunks(job, store, models, progress, Threads(num_threads))
     plan = _motion_plan(job, store, linked)
     sink = ArraySink(linked, plan, job.camera_names)
     _assemble(job, store, linked, plan, sink)
@@ -246,27 +318,48 @@ def _measure_in_memory(job: MeasureJob, progress: Progress, num_threads: int) ->
     )
 
 
+class Threads:
+    """Measures chunks by threads of this process."""
+
+    def __init__(self, num_threads: int = 0) -> None:
+        self._num_threads = num_threads
+
+    def __call__(
+        self, job: MeasureJob, store: ChunkStore, models: Models, chunks: Sequence[Chunk]
+    ) -> Iterator[Chunk]:
+        """Chunks whose records the store has, as they come."""
+        worker = ChunkWorker(job.rig, job.sources, job.options, models)
+
+        def work(chunk: Chunk) -> Chunk:
+            store.put(chunk, worker(*chunk))
+            return chunk
+
+        return map_bounded(work, chunks, self._num_threads)
+
+
 def _measure_chunks(
-    job: MeasureJob,
-    store: ChunkStore,
-    models: Mapping[str, CameraModel | None],
-    progress: Progress,
-    num_threads: int,
+    job: MeasureJob, store: ChunkStore, models: Models, progress: Progress, run: Runner
 ) -> Linked:
     """Measures what the store does not have, and gives all points their numbers."""
     chunks = chunks_of(*job.stages)
     missing = store.missing(chunks)
-    total = job.stages[1] - job.stages[0] + 1
-    done = total - sum(last - first + 1 for first, last in missing)
-    worker = ChunkWorker(job.rig, job.sources, job.options, models)
-
-    def work(chunk: Chunk) -> int:
-        store.put(chunk, worker(*chunk))
-        return chunk[1] - chunk[0] + 1
-
-    for count in map_bounded(work, missing, num_threads):
-        done += count
-        progress(done, total, "measuring")
+    total = sum(last - first + 1 for first, last in missing)
+    # Of those alone that are not there yet: rate and time left are of these.
+    kept = job.stages[1] - job.stages[0] + 1 - total
+    what = f"measuring ({kept} stages kept)" if kept else "measuring"
+    done = 0
+    try:
+        for first, last in run(job, store, models, missing):
+            done += last - first + 1
+            progress(done, total, what)
+    except SequenceError as error:
+        if isinstance(store, FolderStore):
+            raise SequenceError(
+                f"{error}; all chunks of stages measured before are kept: mend it and run "
+                "`videogrammetry measure` again, or leave frames that cannot be read empty with "
+                "--skip-unreadable"
+            ) from error
+        raise
     linked = link_chunks(store, chunks, first_free_id(job.options.recognition))
     refuse_senseless(linked.totals)
     if not len(linked.point_id):
@@ -301,8 +394,11 @@ def _provenance(job: MeasureJob, linked: Linked) -> dict[str, Any]:
 
 
 def _warnings(job: MeasureJob, linked: Linked) -> tuple[str, ...]:
+    count, stage = linked.totals.targets, linked.totals.stage
+    empty = {name: (stage[count[:, c] == 0] - 1).tolist() for c, name in enumerate(job.sources)}
+    skipped = unreadable_frames(job.sources, empty)
     said = stage_warnings(linked.totals, job.camera_names, job.options.diameter_mm)
-    return (*job.warnings, *said)
+    return (*job.warnings, *skipped, *said)
 
 
 def _image_names(job: MeasureJob) -> tuple[tuple[str, ...], ...]:
@@ -318,32 +414,43 @@ def _file_states(paths: Sequence[str | os.PathLike[str]]) -> list[tuple[str, int
     return [(name, state.st_size, state.st_mtime_ns) for name, state in states]
 
 
-def _job_of(project: Project, rig: RigData | None) -> MeasureJob:
+def job_of(
+    project: Project, rig: RigData | None = None, *, skip_unreadable: bool = False
+) -> MeasureJob:
     """The work that a project describes."""
     refuse_filter(project)
     if rig is None:
         rig = read_project_rig(project)
-    sources = open_cameras(project, "sequence", lambda camera: camera.sequence)
-    stages = _stage_range(project, check_same_length(sources))
-    rate, warnings = _frame_rate(project, sources)
-    targets = project.targets
-    _check_numbers(targets.diameter_mm, targets.thickness_mm, targets.full_every)
+    frames = camera_frames(project, skip_unreadable=skip_unreadable)
+    sources = open_frames(frames)
+    rate, warnings = frame_rate(project, sources)
+    count, said = common_frames(project, sources)
+    stages = stage_range(project, count)
+    warnings += said
     return MeasureJob(
-        rig=_rig_in_order(rig, sources),
+        rig=rig_in_order(rig, sources),
         sources=sources,
         stages=stages,
-        options=ChunkOptions(
-            recognition=recognition_options(targets),
-            matching=MatchingOptions(),
-            full_every=targets.full_every,
-            diameter_mm=targets.diameter_mm,
-            thickness_mm=targets.thickness_mm,
-        ),
+        options=chunk_options(project),
         motion=MotionOptions(reference_stage=reference_stage(project, stages)),
         frame_rate_hz=rate,
-        inputs=tuple(_inputs(project, sources)),
+        inputs=tuple(all_inputs(project, sources)),
         folder=project.folder,
+        frames=frames,
         warnings=tuple(warnings + not_applied_yet(project)),
+    )
+
+
+def chunk_options(project: Project) -> ChunkOptions:
+    """How the project wants its stages to be measured."""
+    targets = project.targets
+    _check_numbers(targets.diameter_mm, targets.thickness_mm, targets.full_every)
+    return ChunkOptions(
+        recognition=recognition_options(targets),
+        matching=MatchingOptions(),
+        full_every=targets.full_every,
+        diameter_mm=targets.diameter_mm,
+        thickness_mm=targets.thickness_mm,
     )
 
 
@@ -380,7 +487,7 @@ def read_project_rig(project: Project) -> RigData:
     return read_rig(project.rig_path)
 
 
-def _rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
+def rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
     """The rig's cameras, checked against the sequences, in their order."""
     missing = [name for name in sources if name not in rig.cameras]
     if missing:
@@ -404,54 +511,6 @@ def _rig_in_order(rig: RigData, sources: Mapping[str, FrameSource]) -> RigData:
     return select_cameras(rig, list(sources))
 
 
-def _stage_range(project: Project, count: int) -> tuple[int, int]:
-    first = project.sequence.first
-    last = count if project.sequence.last is None else project.sequence.last
-    if last > count or first > count:
-        raise ProjectFileError(
-            f"{project.path}: [sequence] asks for the stages {first} to {last}, but the sequences "
-            f"have {count}: correct first and last"
-        )
-    return first, last
-
-
-def _frame_rate(
-    project: Project, sources: dict[str, JoinedSource]
-) -> tuple[float | None, list[str]]:
-    """The project's rate over the files' own, with a warning where they differ."""
-    rates = {name: source.frame_rate_hz for name, source in sources.items()}
-    stated = {name: rate for name, rate in rates.items() if rate is not None}
-    wanted = project.sequence.frame_rate_hz
-    warnings = []
-    if wanted is not None:
-        for name, rate in stated.items():
-            if not np.isclose(rate, wanted, rtol=1e-9):
-                warnings.append(
-                    f"camera {name!r}: its file says {rate:g} frames a second, the project "
-                    f"{wanted:g}: the project's is taken"
-                )
-        return wanted, warnings
-    for name, source in sources.items():
-        if source.save_step > 1 and name in stated:
-            apart = source.save_step / stated[name]
-            warnings.append(
-                f"camera {name!r}: its file says that only every {source.save_step}th frame was "
-                f"saved: if so, the frames are {apart:g} s apart, and [sequence] frame_rate_hz = "
-                f"{1 / apart:g} must be given; {stated[name]:g} Hz is taken"
-            )
-    if len(set(stated.values())) > 1:
-        raise MeasurementError(
-            f"the cameras' files state different frame rates ({stated}): synchronous cameras have "
-            "one; say which with [sequence] frame_rate_hz"
-        )
-    if not stated:
-        warnings.append(
-            "no frame rate: times and velocities are left empty; give [sequence] frame_rate_hz"
-        )
-        return None, warnings
-    return next(iter(stated.values())), warnings
-
-
 def reference_stage(project: Project, stages: tuple[int, int]) -> int:
     """The project's reference stage, checked against the measured ones."""
     reference = project.motion.reference_stage
@@ -463,9 +522,3 @@ def reference_stage(project: Project, stages: tuple[int, int]) -> int:
         f"{project.path}: [motion] reference_stage = {reference} is not among the measured stages "
         f"{stages[0]} to {stages[1]}"
     )
-
-
-def _inputs(project: Project, sources: dict[str, JoinedSource]) -> list[str | os.PathLike[str]]:
-    files: list[str | os.PathLike[str]] = [*input_files(project, sources)]
-    rig_files = (project.rig_path, project.rig_path.with_suffix(".npz"))
-    return [*files, *(path for path in rig_files if path.is_file())]

@@ -10,6 +10,7 @@ import numpy as np
 from videogrammetry.matching import TARGET_STATUS
 from videogrammetry.motion import MotionPlan
 from videogrammetry.pipeline.assemble import Linked, Sink
+from videogrammetry.pipeline.chunk_store import Chunk
 from videogrammetry.pipeline.totals import Totals
 from videogrammetry.types import (
     IntArray,
@@ -18,7 +19,21 @@ from videogrammetry.types import (
     Trajectories,
 )
 
+#: Of a point at a stage: position, displacement, velocity, four covariances, the residual.
+_PLACE_BYTES = 8 * (3 + 3 + 3 + 4 * 6 + 1)
+#: Of a target: centre, axes, angle, standard deviations, residuals.
+_TARGET_BYTES = 8 * (2 + 2 + 1 + 2 + 2)
 _COMMON = ("reference_stage", "centroid_points", "point_id", "camera_names")
+
+
+def least_bytes(linked: Linked, chunks: Sequence[Chunk]) -> int:
+    """Bytes that the numbers of a measurement's file take at least; no more than it has."""
+    first, last = np.sort(linked.first), np.sort(linked.last)
+    places = sum(
+        (end - begin + 1) * int(np.searchsorted(first, k, "right") - np.searchsorted(last, k))
+        for k, (begin, end) in enumerate(chunks)
+    )
+    return _PLACE_BYTES * places + _TARGET_BYTES * linked.num_targets
 
 
 class ArraySink:

@@ -12,6 +12,7 @@ from videogrammetry.project.atomic import (
     write_text,
 )
 from videogrammetry.project.csv_table import format_csv, read_csv, write_csv
+from videogrammetry.project.lock import one_at_a_time
 from videogrammetry.project.measurement_file import (
     MeasurementLayout,
     MeasurementWriter,
@@ -82,6 +83,7 @@ __all__ = [
     "format_motion",
     "format_targets",
     "format_trajectories",
+    "one_at_a_time",
     "open_measurement_writer",
     "plain",
     "provenance",

@@ -47,6 +47,8 @@ class CameraSection:
         None: all ten, each kept only if significant; (): none, poses alone.
     r0_px : this camera's or ``[calibration]``'s; None: 2/3 of the half diagonal.
     interface : the window ``[interfaces.NAME]`` that it looks through; None: none.
+    first_frame : the frame of ``sequence`` (from 1) that is the first stage's; None: the
+        first, where nothing says that the cameras are out of step.
     """
 
     name: str
@@ -57,6 +59,7 @@ class CameraSection:
     free: tuple[str, ...] | None = None
     r0_px: float | None = None
     interface: str | None = None
+    first_frame: int | None = None
 
     @property
     def observations(self) -> str | None:
@@ -171,7 +174,10 @@ class MotionSection:
 
 @dataclass(frozen=True, kw_only=True)
 class Project:
-    """A project file as read; ``path`` is absolute."""
+    """A project file as read; ``path`` is absolute.
+
+    ``rig``: the calibrated cameras that it shares with other projects; None: its own.
+    """
 
     path: Path
     name: str
@@ -183,6 +189,7 @@ class Project:
     stability: StabilitySection = field(default_factory=StabilitySection)
     motion: MotionSection = field(default_factory=MotionSection)
     verify: VerifySection = field(default_factory=VerifySection)
+    rig: Path | None = None
 
     @property
     def folder(self) -> Path:
@@ -191,8 +198,8 @@ class Project:
 
     @property
     def rig_path(self) -> Path:
-        """rig.json beside the project file."""
-        return self.folder / "rig.json"
+        """rig.json beside the project file, or the one that ``rig`` names."""
+        return self.rig or self.folder / "rig.json"
 
     @property
     def measurement_path(self) -> Path:
@@ -212,6 +219,7 @@ def read_project(path: str | os.PathLike[str]) -> Project:
     root, file = TomlTable.open_schema(path, "project.toml", "project", SCHEMA)
     folder = file.parent
     name = root.string("name", folder.name)
+    rig = _file(root, "rig", folder)
     sections = (
         "cameras",
         "interfaces",
@@ -235,6 +243,7 @@ def read_project(path: str | os.PathLike[str]) -> Project:
         stability=_stability(tables["stability"], folder),
         motion=_motion(tables["motion"]),
         verify=verify_section(tables["verify"], folder),
+        rig=rig,
     )
 
 
@@ -334,6 +343,7 @@ def _camera(
         free=free if own_free is None else own_free,
         r0_px=table.number("r0_px", r0_px, above=0),
         interface=table.string("interface", None),
+        first_frame=table.integer("first_frame", None, minimum=1),
     )
     table.finish()
     if camera.interface is not None and camera.interface not in interfaces:

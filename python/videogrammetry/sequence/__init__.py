@@ -14,6 +14,7 @@ from videogrammetry.sequence.growing import (
     GrowingSource,
     open_growing,
 )
+from videogrammetry.sequence.lenient import LenientSource
 from videogrammetry.sequence.open import SequenceSpec, open_sequence
 from videogrammetry.sequence.parts import check_free_space
 from videogrammetry.sequence.photron_session import photron_session
@@ -42,6 +43,7 @@ __all__ = [
     "GrowingMraw",
     "GrowingSource",
     "JoinedSource",
+    "LenientSource",
     "RangeSource",
     "SequenceFormat",
     "SequenceSpec",

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from videogrammetry.errors import SequenceError, SequenceWarning
 from videogrammetry.sequence import mraw, photron_header, raster, tiff
 from videogrammetry.sequence.formats import open_file
+from videogrammetry.sequence.lenient import UnreadablePicture
 from videogrammetry.sequence.mraw import MrawSource
 from videogrammetry.sequence.pgm import SUFFIXES as PGM_SUFFIXES
 from videogrammetry.sequence.select import natural_key
@@ -224,12 +225,12 @@ class GrowingFolder(GrowingSource):
                 for index in range(len(source)):
                     source.read(index)
         except (SequenceError, OSError) as error:
-            return None if last or not still else _Damaged(path, str(error))
+            return None if last or not still else UnreadablePicture(path, str(error))
         return source
 
     def _add(self, name: str, source: FrameSource) -> None:
-        good = next((s for s in self._sources if not isinstance(s, _Damaged)), None)
-        if good is not None and not isinstance(source, _Damaged):
+        good = next((s for s in self._sources if not isinstance(s, UnreadablePicture)), None)
+        if good is not None and not isinstance(source, UnreadablePicture):
             size, first = source.image_size_px, good.image_size_px
             if size != first:
                 raise SequenceError(
@@ -247,35 +248,15 @@ class GrowingFolder(GrowingSource):
     def image_size_px(self) -> tuple[int, int]:
         """(width, height) of the first picture that opens."""
         self._check(0)
-        good = next((s for s in self._sources if not isinstance(s, _Damaged)), self._sources[0])
+        good = next(
+            (s for s in self._sources if not isinstance(s, UnreadablePicture)), self._sources[0]
+        )
         return good.image_size_px
 
     def _locate(self, index: int) -> tuple[FrameSource, int]:
         self._check(index)
         which = bisect_right(self._ends, index)
         return self._sources[which], index - (self._ends[which - 1] if which else 0)
-
-
-@dataclass(frozen=True)
-class _Damaged:
-    """A frame whose file does not open; it keeps its number."""
-
-    path: Path
-    why: str
-    frame_rate_hz: float | None = None
-
-    @property
-    def image_size_px(self) -> tuple[int, int]:
-        raise SequenceError(self.why)
-
-    def __len__(self) -> int:
-        return 1
-
-    def name(self, index: int) -> str:
-        return self.path.name
-
-    def read(self, index: int) -> npt.NDArray[Any]:
-        raise SequenceError(self.why)
 
 
 class GrowingMraw(GrowingSource):

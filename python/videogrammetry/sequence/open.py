@@ -9,10 +9,12 @@ from pathlib import Path
 
 from videogrammetry.errors import SequenceError, SequenceWarning
 from videogrammetry.sequence.formats import known_suffixes, open_file
+from videogrammetry.sequence.lenient import UnreadablePicture
 from videogrammetry.sequence.mraw import one_of_each_recording
 from videogrammetry.sequence.select import find_files
 from videogrammetry.sequence.source import JoinedSource
 from videogrammetry.sequence.video import SUFFIXES as VIDEO_SUFFIXES
+from videogrammetry.types import FrameSource
 
 #: A file, folder or pattern, or several of these, read one after the other.
 SequenceSpec = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -23,6 +25,7 @@ def open_sequence(
     base_dir: str | os.PathLike[str] | None = None,
     *,
     same_size: bool = True,
+    keep_unreadable: bool = False,
 ) -> JoinedSource:
     """Opens the frames of one camera; only headers are read here.
 
@@ -34,6 +37,8 @@ def open_sequence(
     base_dir : what relative names start from; None: the current folder.
     same_size : whether frames of different sizes are an error, as they are
         for one camera.
+    keep_unreadable : whether a file of several that does not open is a frame all the
+        same, whose ``read`` says what is wrong (:class:`LenientSource` makes it black).
 
     Raises
     ------
@@ -52,18 +57,33 @@ def open_sequence(
     if not specs:
         raise SequenceError("an empty list names no picture: give a file, a folder or a pattern")
     paths = [path for one in specs for path in _files(one, base)]
-    sources = [open_file(path) for path in paths]
+    sources = [_opened(path, keep_unreadable and len(paths) > 1) for path in paths]
+    good = [source for source in sources if not isinstance(source, UnreadablePicture)]
+    if not good:
+        sources[0].read(0)  # says why
     for remark in (text for source in sources for text in getattr(source, "remarks", ())):
         warnings.warn(remark, SequenceWarning, stacklevel=2)
     if same_size:
+        first = next(p for p, source in zip(paths, sources, strict=True) if source is good[0])
         for path, source in zip(paths, sources, strict=True):
-            if source.image_size_px != sources[0].image_size_px:
+            if isinstance(source, UnreadablePicture):
+                continue
+            if source.image_size_px != good[0].image_size_px:
                 raise SequenceError(
-                    f"{path} has {_size(source.image_size_px)}, but {paths[0]} of the same "
-                    f"sequence has {_size(sources[0].image_size_px)}: one camera's pictures have "
+                    f"{path} has {_size(source.image_size_px)}, but {first} of the same "
+                    f"sequence has {_size(good[0].image_size_px)}: one camera's pictures have "
                     "one size; take the stranger out"
                 )
     return JoinedSource(sources, paths)
+
+
+def _opened(path: Path, keep_unreadable: bool) -> FrameSource:
+    try:
+        return open_file(path)
+    except SequenceError as error:
+        if not keep_unreadable:
+            raise
+        return UnreadablePicture(path, str(error))
 
 
 def _files(spec: str | os.PathLike[str], base: Path) -> list[Path]:

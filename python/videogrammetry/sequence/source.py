@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from videogrammetry.errors import SequenceError
+from videogrammetry.sequence.lenient import UnreadablePicture
 from videogrammetry.types import FrameSource, PackedSamples
 
 
@@ -75,8 +76,8 @@ class JoinedSource:
 
     @property
     def image_size_px(self) -> tuple[int, int]:
-        """(width, height) of the first frame."""
-        return self._sources[0].image_size_px
+        """(width, height) of the first frame that opens."""
+        return self._known()[0].image_size_px
 
     @property
     def frame_rate_hz(self) -> float | None:
@@ -137,8 +138,13 @@ class JoinedSource:
         return self._sources
 
     def _common(self, name: str) -> Any:
-        values = {getattr(source, name, None) for source in self._sources}
+        values = {getattr(source, name, None) for source in self._known()}
         return values.pop() if len(values) == 1 else None
+
+    def _known(self) -> list[FrameSource]:
+        """The sources but those that did not open, of which nothing is known."""
+        known = [s for s in self._sources if not isinstance(s, UnreadablePicture)]
+        return known or list(self._sources)
 
     def __len__(self) -> int:
         return self._ends[-1]

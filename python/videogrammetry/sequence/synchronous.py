@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -183,6 +184,34 @@ class RangeSource:
         """Frames a second as the file says, or None."""
         return self._source.frame_rate_hz
 
+    @property
+    def save_step(self) -> int:
+        """Every n-th frame that the camera took was saved."""
+        return int(getattr(self._source, "save_step", 1))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is wrong with the files of the whole sequence."""
+        return tuple(getattr(self._source, "remarks", ()))
+
+    @property
+    def first_frame(self) -> int | None:
+        """The camera's number of the part's first frame, from the trigger, if it is stated."""
+        number: int | None = getattr(self._source, "first_frame", None)
+        return None if number is None else number + self._first * self.save_step
+
+    @property
+    def trigger_time(self) -> datetime | None:
+        """When the trigger came, if it is stated."""
+        time: datetime | None = getattr(self._source, "trigger_time", None)
+        return time
+
+    def times_s(self) -> npt.NDArray[np.float64] | None:
+        """(N,) time stamps of the part, from the trigger; None where there are none."""
+        times: npt.NDArray[np.float64] | None
+        times = getattr(self._source, "times_s", lambda: None)()
+        return None if times is None else times[self._first : self._first + self._count]
+
     def __len__(self) -> int:
         return self._count
 
@@ -199,6 +228,12 @@ class RangeSource:
         packed = getattr(self._source, "packed", None)
         samples: PackedSamples | None = None if packed is None else packed(self._at(index))
         return samples
+
+    def problem(self, index: int) -> str | None:
+        """Why a frame of a :class:`LenientSource` cannot be read; None: it can."""
+        problem = getattr(self._source, "problem", lambda index: None)
+        said: str | None = problem(self._at(index))
+        return said
 
     def _at(self, index: int) -> int:
         check_index(index, self._count, "the part")

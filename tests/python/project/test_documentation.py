@@ -35,6 +35,8 @@ def test_so_it_is_with_everything_that_is_commented_out(tmp_path: Path) -> None:
     assert project.calibration.scale_bars == tmp_path.resolve() / "bars.csv"
     assert project.stability.points == tmp_path.resolve() / "static.csv"
     assert project.cameras["left"].interface == "front"
+    assert project.cameras["right"].first_frame == 4
+    assert project.rig_path == tmp_path.resolve() / "../rig.json"
     assert project.interfaces["front"].normal == (0.0, 0.0, 1.0)
     assert project.cameras["right"].r0_px == pytest.approx(482.7)
 

@@ -1,0 +1,276 @@
+"""What the residuals of points say of their cameras' poses: score and information."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from videogrammetry.geometry import (
+    CAMERA_PARAMETERS,
+    full_covariance,
+    project_from_world_with_jacobians,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from videogrammetry.types import FloatArray, IntArray, RigCamera, RigData
+
+_POSE = 6
+_ALL = len(CAMERA_PARAMETERS)
+#: Directions of the calibration's covariance that are kept, against the largest in
+#: units of their own standard deviations.
+_SMALLEST = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointResiduals:
+    """Residuals of points of some looks.
+
+    Attributes
+    ----------
+    look : (P,) which look, from 0. position_mm : (P, 3) where they were computed.
+    residual_px : (P, C, 2) measured - computed, NaN where not seen.
+    variance_px2 : (P, C, 2) of the measured coordinates. systematic : (P, C) share of it
+        that stays from look to look (lens, target, stated coordinates).
+    cov_mm2 : (P, 3, 3): the points are known with this covariance; None: they are not, and
+        the residuals are those of their own intersection.
+    """
+
+    look: IntArray
+    position_mm: FloatArray
+    residual_px: FloatArray
+    variance_px2: FloatArray
+    systematic: FloatArray
+    cov_mm2: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.look)
+
+    def select(self, rows: npt.NDArray[np.bool_]) -> PointResiduals:
+        """Some of the points."""
+        names = (n for n in self.__dataclass_fields__ if getattr(self, n) is not None)
+        return replace(self, **{n: getattr(self, n)[rows] for n in names})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraScores:
+    """Sums over the points of every look, for the six pose parameters of all cameras.
+
+    Attributes
+    ----------
+    score : (K, 6 C) g = B'W r. normal : (K, 6 C, 6 C) N = B'W P B; of every camera a turn
+        about its projection centre (rad, rotation vector on the left of cam_from_world) and
+        a shift of that centre (mm, in the rig's frame).
+    by_calibration : (K, 6 C, R): N' F, what R independent standard errors of the
+        calibration do to g; R = 0 where the rig has no covariance.
+    chi2, redundancy : (K, C) of the residuals, of all cameras together for points that
+        are not known, of every camera by itself for known ones.
+    systematic : (K, C) share of the variance that stays from look to look.
+    points : (K, C) seen.
+    """
+
+    score: FloatArray
+    normal: FloatArray
+    by_calibration: FloatArray
+    chi2: FloatArray
+    redundancy: FloatArray
+    systematic: FloatArray
+    points: IntArray
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    def then(self, other: CameraScores) -> CameraScores:
+        """These looks and then those of ``other``."""
+        return CameraScores(
+            **{
+                name: np.concatenate([getattr(self, name), getattr(other, name)])
+                for name in self.__dataclass_fields__
+            }
+        )
+
+
+def calibration_factor(rig: RigData) -> FloatArray:
+    """F (16 C, R) with F F' = the covariance of all parameters; R = 0 where none is known."""
+    cov = full_covariance(rig)
+    if not len(cov):
+        return np.zeros((_ALL * len(rig.cameras), 0))
+    sigma = np.sqrt(np.diag(cov))
+    held = sigma == 0
+    scale = np.where(held, 1.0, sigma)
+    value, vector = np.linalg.eigh(cov / np.outer(scale, scale))
+    kept = value > _SMALLEST * value[-1]
+    factor: FloatArray = scale[:, None] * vector[:, kept] * np.sqrt(value[kept])
+    return factor
+
+
+def pose_of_motion(camera: RigCamera) -> FloatArray:
+    """(6, 6) derivatives of rx, ry, rz, tx, ty, tz by turn about and shift of the centre.
+
+    With t = -R c a turn w and a shift d of the centre c make dt = w x t - R d.
+    """
+    x, y, z = camera.translation_mm
+    by_motion = np.eye(_POSE)
+    by_motion[3:, :3] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    by_motion[3:, 3:] = -camera.rotation
+    return by_motion
+
+
+def camera_scores(
+    rig: RigData,
+    residuals: PointResiduals,
+    num_looks: int,
+    factor: FloatArray | None = None,
+) -> CameraScores:
+    """Score and information of the cameras' poses, the points eliminated.
+
+    With J, A the derivatives of the pictures by point and cameras and B those columns of
+    A that are poses, r = P (B d + A' p + e), P = I - J (J'WJ)^-1 J'W for points that are
+    not known and P = I, W = (C_px + J C_X J')^-1 for known ones; d motions of the
+    cameras, p errors of the calibration, e noise. Then g = B'W r has the expectation
+    N d and, without motion, the covariance N + (B'W P A) C (B'W P A)' with N = B'W P B.
+
+    Parameters
+    ----------
+    rig : the cameras. residuals : the points, ``num_looks`` looks of them.
+    factor : F (16 C, R), :func:`calibration_factor`; None: not looked at.
+    """
+    points, cameras = residuals.residual_px.shape[:2]
+    by_point, by_camera = np.zeros((points, cameras, 2, 3)), np.zeros((points, cameras, 2, _ALL))
+    residual = np.nan_to_num(residuals.residual_px)
+    for c, camera in enumerate(rig.cameras.values()):
+        rows = np.flatnonzero(np.isfinite(residuals.residual_px[:, c, 0]))
+        if len(rows):
+            _, by_point[rows, c], by_camera[rows, c] = project_from_world_with_jacobians(
+                camera, residuals.position_mm[rows]
+            )
+    residual = _whiten(residuals, residual, by_point, by_camera)
+    by_motion = np.stack([pose_of_motion(camera) for camera in rig.cameras.values()])
+    by_pose = by_camera[..., -_POSE:] @ by_motion
+    order = np.argsort(residuals.look, kind="stable")
+    ends = np.searchsorted(residuals.look[order], np.arange(num_looks + 1))
+    known = residuals.cov_mm2 is not None
+    fixed = np.zeros((num_looks, cameras, _POSE + 1, _POSE + 1))
+    augmented = np.concatenate([by_pose, residual[..., None]], axis=3)[order]
+    for c in range(cameras):
+        for k in range(num_looks):
+            rows = augmented[ends[k] : ends[k + 1], c].reshape(-1, _POSE + 1)
+            fixed[k, c] = rows.T @ rows
+    factor = np.zeros((_ALL * cameras, 0)) if factor is None else factor
+    normal = np.zeros((num_looks, _POSE * cameras, _POSE * cameras))
+    score = np.zeros((num_looks, _POSE * cameras))
+    chi2 = np.array(fixed[:, :, -1, -1])
+    for c in range(cameras):
+        mine = slice(_POSE * c, _POSE * (c + 1))
+        normal[:, mine, mine] = fixed[:, c, :_POSE, :_POSE]
+        score[:, mine] = fixed[:, c, :_POSE, -1]
+    root = np.zeros((points, 3, 2 * cameras))
+    if not known:
+        chi2 = np.repeat(chi2.sum(axis=1, keepdims=True), cameras, axis=1)
+        root = _point_root(by_point)[order]
+        shared = root.reshape(points, 3, cameras, 2).transpose(0, 2, 1, 3) @ augmented
+        poses = shared[..., :_POSE].transpose(0, 2, 1, 3).reshape(points, 3, -1)
+        rest = shared[..., -1].sum(axis=1)
+        for k in range(num_looks):
+            u = poses[ends[k] : ends[k + 1]].reshape(-1, _POSE * cameras)
+            v = rest[ends[k] : ends[k + 1]].reshape(-1)
+            normal[k] -= u.T @ u
+            score[k] -= u.T @ v
+            chi2[k] -= v @ v
+    effect = np.zeros((num_looks, _POSE * cameras, factor.shape[1]))
+    if factor.size:
+        for k in range(num_looks):
+            rows = order[ends[k] : ends[k + 1]]
+            effect[k] = _by_calibration(
+                by_camera[rows], by_pose[rows], root[ends[k] : ends[k + 1]], factor, known
+            )
+    return CameraScores(
+        score=score,
+        normal=normal,
+        by_calibration=effect,
+        chi2=chi2,
+        **_counts(residuals, num_looks, known),
+    )
+
+
+def _whiten(
+    residuals: PointResiduals, residual: FloatArray, by_point: FloatArray, by_camera: FloatArray
+) -> FloatArray:
+    """The residuals in standard deviations; so are the derivatives then, in place."""
+    if residuals.cov_mm2 is None:
+        seen = np.isfinite(residuals.residual_px)
+        weight = np.where(seen, 1 / np.sqrt(np.where(seen, residuals.variance_px2, 1.0)), 0.0)
+        by_point *= weight[..., None]
+        by_camera *= weight[..., None]
+        return np.asarray(residual * weight)
+    seen = np.isfinite(residuals.residual_px[..., 0])
+    cov = by_point @ residuals.cov_mm2[:, None] @ np.swapaxes(by_point, 2, 3)
+    cov[..., [0, 1], [0, 1]] += np.where(seen[..., None], residuals.variance_px2, 1.0)
+    inverse = np.linalg.inv(np.linalg.cholesky(cov)) * seen[..., None, None]
+    by_point[:] = inverse @ by_point
+    by_camera[:] = inverse @ by_camera
+    return np.asarray((inverse @ residual[..., None])[..., 0])
+
+
+def _point_root(by_point: FloatArray) -> FloatArray:
+    """(P, 3, 2 C) L^-1 J' with L L' = J'J, written out: thousands of small matrices."""
+    j = by_point.reshape(len(by_point), -1, 3)
+    h = np.swapaxes(j, 1, 2) @ j
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a = np.sqrt(h[:, 0, 0])
+        b, c = h[:, 1, 0] / a, h[:, 2, 0] / a
+        d = np.sqrt(h[:, 1, 1] - b * b)
+        e = (h[:, 2, 1] - b * c) / d
+        f = np.sqrt(h[:, 2, 2] - c * c - e * e)
+        first = j[..., 0] / a[:, None]
+        second = (j[..., 1] - b[:, None] * first) / d[:, None]
+        third = (j[..., 2] - c[:, None] * first - e[:, None] * second) / f[:, None]
+    root: FloatArray = np.stack([first, second, third], axis=1)
+    return root
+
+
+def _by_calibration(
+    by_camera: FloatArray,
+    by_pose: FloatArray,
+    root: FloatArray,
+    factor: FloatArray,
+    known: bool,
+) -> FloatArray:
+    """B'W P A F of one look."""
+    points, cameras = by_camera.shape[:2]
+    parts = factor.reshape(cameras, _ALL, -1)
+    pictures = np.stack([by_camera[:, c].reshape(-1, _ALL) @ parts[c] for c in range(cameras)])
+    if not known:
+        # In the order (point, camera, xy), as the roots are.
+        moved = pictures.reshape(cameras, points, 2, -1).transpose(1, 0, 2, 3)
+        moved = moved.reshape(points, 2 * cameras, -1)
+        moved = moved - np.swapaxes(root, 1, 2) @ (root @ moved)
+        pictures = moved.reshape(points, cameras, 2, -1).transpose(1, 0, 2, 3)
+        pictures = pictures.reshape(cameras, 2 * points, -1)
+    return np.concatenate(
+        [by_pose[:, c].reshape(-1, _POSE).T @ pictures[c] for c in range(cameras)]
+    )
+
+
+def _counts(
+    residuals: PointResiduals, num_looks: int, known: bool
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Redundancy, points and systematic share of every look and camera."""
+    seen = np.isfinite(residuals.residual_px[..., 0])
+    cameras = seen.shape[1]
+    points = np.zeros((num_looks, cameras), dtype=np.int32)
+    share = np.zeros((num_looks, cameras))
+    np.add.at(points, residuals.look, seen)
+    np.add.at(share, residuals.look, np.where(seen, residuals.systematic, 0.0))
+    redundancy = 2.0 * points
+    if not known:
+        total = 2.0 * points.sum(axis=1) - 3.0 * np.bincount(residuals.look, minlength=num_looks)
+        redundancy = np.repeat(total[:, None], cameras, axis=1)
+    return {
+        "points": points,
+        "systematic": share / np.maximum(points, 1),
+        "redundancy": redundancy,
+    }

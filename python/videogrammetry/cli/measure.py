@@ -34,7 +34,33 @@ def add_parser(verbs: SubParsers) -> None:
         metavar="N",
         help="chunks of stages at a time (default: 0, one a core)",
     )
+    parser.add_argument(
+        "--reorient",
+        action="append",
+        type=moved_camera,
+        default=[],
+        metavar="CAMERA[:STAGE]",
+        help="a camera that has moved, and from which stage on (default: the first): its pose "
+        "from there on is found from [stability] points or from coded points that two other "
+        "cameras see; may be given several times",
+    )
     add_force(parser)
+
+
+def moved_camera(text: str) -> tuple[str, int | None]:
+    """A camera and the stage from which on it stands otherwise.
+
+    Examples
+    --------
+    >>> moved_camera("cam2:501"), moved_camera("cam2")
+    (('cam2', 501), ('cam2', None))
+    """
+    name, colon, stage = text.rpartition(":")
+    if not colon:
+        return text, None
+    if not stage.isdecimal() or not name:
+        raise argparse.ArgumentTypeError(f"expected CAMERA or CAMERA:STAGE, got {text!r}")
+    return name, int(stage)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,7 +72,9 @@ def run(args: argparse.Namespace) -> int:
 
     progress = Progress("measure", "stages")
     try:
-        table = measure_to_file(project, progress=progress, num_threads=args.threads)
+        table = measure_to_file(
+            project, reorient=args.reorient, progress=progress, num_threads=args.threads
+        )
     finally:
         progress.close()
     for warning in table.warnings:

@@ -14,6 +14,7 @@ from videogrammetry.motion import (
     MotionOptions,
     MotionPlan,
     constant_set,
+    flag_mask,
     motion_part,
     motion_rows,
     plan_motion,
@@ -21,9 +22,11 @@ from videogrammetry.motion import (
 )
 from videogrammetry.pipeline.chunk_record import ChunkRecord
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
+from videogrammetry.pipeline.stability import Stability, StabilityCheck
 from videogrammetry.pipeline.totals import Totals
 from videogrammetry.tracking import link_stages
 from videogrammetry.types import (
+    POINT_FLAGS,
     FloatArray,
     IntArray,
     Motion,
@@ -60,7 +63,7 @@ class Linked:
     numbers : of every chunk the numbers of its points.
     first, last : (P,) the first and last chunk that has the point.
     stages : (P,) at how many stages it was measured.
-    num_targets : of all stages. totals : what is said of them.
+    num_targets : of all stages. totals : what is said of them. stability : of the cameras.
     """
 
     point_id: IntArray
@@ -70,16 +73,33 @@ class Linked:
     stages: IntArray
     num_targets: int
     totals: Totals = field(default_factory=Totals)
+    stability: Stability | None = None
+
+    def flags(self, record: ChunkRecord) -> npt.NDArray[np.uint8]:
+        """(P,) those of a record's points, with what all stages say of the cameras."""
+        if self.stability is None:
+            return record.flags
+        moved = record.stage[:, None] >= self.stability.unstable_from
+        of_point = np.repeat(moved, record.point_count, axis=0) & record.cameras_used
+        flag = np.uint8(1 << POINT_FLAGS.index("unstable_camera"))
+        return record.flags | np.where(of_point.any(axis=1), flag, np.uint8(0))
 
 
-def link_chunks(store: ChunkStore, chunks: Sequence[Chunk], first_free_id: int) -> Linked:
-    """Numbers for the points of all stages."""
+def link_chunks(
+    store: ChunkStore,
+    chunks: Sequence[Chunk],
+    first_free_id: int,
+    check: StabilityCheck | None = None,
+) -> Linked:
+    """Numbers for the points of all stages, and whether the cameras stood."""
     totals = Totals()
     stages: list[StagePoints] = []
     sizes, num_targets = [], 0
     for chunk in chunks:
         record = store.get(chunk)
         totals.add(record)
+        if check is not None:
+            check.add(record)
         num_targets += len(record.code_id)
         sizes.append(len(record.point_code))
         stages += _stage_points(record)
@@ -92,7 +112,8 @@ def link_chunks(store: ChunkStore, chunks: Sequence[Chunk], first_free_id: int) 
     np.minimum.at(first, column, chunk_of)
     np.maximum.at(last, column, chunk_of)
     count = np.bincount(column, minlength=len(point_id)).astype(np.int32)
-    return Linked(point_id, of_chunk, first, last, count, num_targets, totals)
+    stability = None if check is None else check.result()
+    return Linked(point_id, of_chunk, first, last, count, num_targets, totals, stability)
 
 
 def _stage_points(record: ChunkRecord) -> list[StagePoints]:
@@ -177,7 +198,7 @@ def plan_of_chunks(
     row = reference - chunks[k][0]
     of_stage = trajectory_rows(part, slice(row, row + 1))
     if options.centroid_points is None:
-        candidates, measured = _measured(store, chunks, linked)
+        candidates, measured = _measured(store, chunks, linked, flag_mask(options.leave_out))
         chosen = candidates[constant_set(measured)]
         options = dataclasses.replace(
             options, centroid_points=tuple(linked.point_id[chosen].tolist())
@@ -186,7 +207,7 @@ def plan_of_chunks(
 
 
 def _measured(
-    store: ChunkStore, chunks: Sequence[Chunk], linked: Linked
+    store: ChunkStore, chunks: Sequence[Chunk], linked: Linked, left_out: np.uint8
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Points that may be the centroid's, and the stages (S, N) at which they were measured."""
     num_stages = chunks[-1][1] - chunks[0][0] + 1
@@ -197,10 +218,12 @@ def _measured(
     measured = np.zeros((num_stages, count), dtype=bool)
     row = 0
     for k, chunk in enumerate(chunks):
-        point_count = store.get(chunk).point_count
+        record = store.get(chunk)
+        point_count = record.point_count
         stage = np.repeat(np.arange(row, row + len(point_count)), point_count)
         column = at[np.searchsorted(linked.point_id, linked.numbers[k])]
-        measured[stage[column >= 0], column[column >= 0]] = True
+        taken = (column >= 0) & (linked.flags(record) & left_out == 0)
+        measured[stage[taken], column[taken]] = True
         row += len(point_count)
     return candidates, measured
 
@@ -239,7 +262,7 @@ class TrajectoryBuilder:
         used = np.zeros((*shape, len(self._cameras)), dtype=bool)
         used[row, column] = record.cameras_used[index]
         flags = np.zeros(shape, dtype=np.uint8)
-        flags[row, column] = record.flags[index]
+        flags[row, column] = self._linked.flags(record)[index]
         rate = self._rate
         return Trajectories(
             stage=stage,

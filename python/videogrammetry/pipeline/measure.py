@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,24 +36,26 @@ from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
     map_bounded,
-    not_applied_yet,
     open_cameras,
     recognition_options,
     silent,
 )
+from videogrammetry.pipeline.reorient import Reoriented, reorient_in_sequence
 from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink
+from videogrammetry.pipeline.stability import StabilityCheck
 from videogrammetry.pipeline.totals import nothing_measured, refuse_senseless, stage_warnings
 from videogrammetry.project import (
     MeasurementLayout,
     Project,
     open_measurement_writer,
     provenance,
+    read_points,
     read_rig,
 )
 from videogrammetry.recognition import RING_STATUS, CameraModel, RecognitionOptions, code_family
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.sequence.source import JoinedSource
-from videogrammetry.types import FrameSource, Measurement, RigData
+from videogrammetry.types import FrameSource, Measurement, PointSet, RigData
 
 #: Where the finished chunks of a measurement wait, beside the project.
 PARTS_FOLDER = "measurement.parts"
@@ -71,6 +74,8 @@ class MeasureJob:
     options, motion : how. frame_rate_hz : None: times and velocities stay empty.
     inputs : files whose hashes the result carries, relative to ``folder``.
     warnings : what is to be said whatever is found.
+    static : points that do not move, for the check of the cameras; None: none are known.
+    reoriented : cameras whose pose was found anew, for ``options.later``.
     """
 
     rig: RigData
@@ -82,6 +87,8 @@ class MeasureJob:
     inputs: tuple[str | os.PathLike[str], ...] = ()
     folder: Path | None = None
     warnings: tuple[str, ...] = ()
+    static: PointSet | None = None
+    reoriented: tuple[Reoriented, ...] = ()
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -157,6 +164,7 @@ def measure_project(
     project: Project,
     *,
     rig: RigData | None = None,
+    reorient: Sequence[tuple[str, int | None]] = (),
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> Measurement:
@@ -166,6 +174,8 @@ def measure_project(
     ----------
     project : as ``read_project`` gives it.
     rig : the calibrated cameras; None: rig.json beside the project.
+    reorient : cameras that have moved, and from which stage on (None: the first): their
+        pose from there on is found from the sequence itself, see ``pipeline.reorient``.
     progress : told about the stages done.
     num_threads : chunks at a time; 0 = one a core.
 
@@ -174,13 +184,15 @@ def measure_project(
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
-    return _measure_in_memory(_job_of(project, rig), progress, num_threads)
+    job = _reoriented(_job_of(project, rig), project, reorient)
+    return _measure_in_memory(job, progress, num_threads)
 
 
 def measure_to_file(
     project: Project,
     *,
     rig: RigData | None = None,
+    reorient: Sequence[tuple[str, int | None]] = (),
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> StageTable:
@@ -189,7 +201,8 @@ def measure_to_file(
     Every chunk of stages that is done is kept in the folder measurement.parts beside the
     project until the file is whole. A measurement that was interrupted goes on
     after the last chunk kept, with the same result, byte for byte; where
-    pictures, rig or options have changed it begins anew.
+    pictures, rig or options have changed it begins anew. ``reorient`` as in
+    :func:`measure_project`.
 
     Returns
     -------
@@ -201,7 +214,7 @@ def measure_to_file(
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
-    job = _job_of(project, rig)
+    job = _reoriented(_job_of(project, rig), project, reorient)
     models = learn_models(job.sources, job.options.recognition, job.stages)
     digest = fingerprint(job.rig, job.options, models, _file_states(job.inputs))
     store = FolderStore(project.folder / PARTS_FOLDER, digest)
@@ -219,6 +232,7 @@ def measure_to_file(
         provenance=_provenance(job, linked),
         warnings=_warnings(job, linked),
         flag_meanings=_MEANINGS,
+        stability=linked.stability.series if linked.stability else None,
     )
     table = StageTable(linked.totals, layout.warnings)
     with open_measurement_writer(project.measurement_path, layout) as writer:
@@ -243,6 +257,7 @@ def _measure_in_memory(job: MeasureJob, progress: Progress, num_threads: int) ->
         provenance=_provenance(job, linked),
         warnings=_warnings(job, linked),
         flag_meanings=_MEANINGS,
+        stability=linked.stability.series if linked.stability else None,
     )
 
 
@@ -267,7 +282,8 @@ def _measure_chunks(
     for count in map_bounded(work, missing, num_threads):
         done += count
         progress(done, total, "measuring")
-    linked = link_chunks(store, chunks, first_free_id(job.options.recognition))
+    check = StabilityCheck([(job.stages[0], job.rig), *job.options.later], job.stages, job.static)
+    linked = link_chunks(store, chunks, first_free_id(job.options.recognition), check)
     refuse_senseless(linked.totals)
     if not len(linked.point_id):
         raise MeasurementError(nothing_measured(linked.totals, job.options.diameter_mm))
@@ -296,13 +312,15 @@ def _provenance(job: MeasureJob, linked: Linked) -> dict[str, Any]:
         "thickness_mm": job.options.thickness_mm,
         "eccentricity": linked.totals.circles(),
         "rig": job.rig.how,
+        "stability": linked.stability.found if linked.stability else (),
+        "reoriented": job.reoriented,
     }
     return provenance(options, job.inputs, job.folder)
 
 
 def _warnings(job: MeasureJob, linked: Linked) -> tuple[str, ...]:
     said = stage_warnings(linked.totals, job.camera_names, job.options.diameter_mm)
-    return (*job.warnings, *said)
+    return (*job.warnings, *said, *(linked.stability.warnings if linked.stability else ()))
 
 
 def _image_names(job: MeasureJob) -> tuple[tuple[str, ...], ...]:
@@ -339,12 +357,29 @@ def _job_of(project: Project, rig: RigData | None) -> MeasureJob:
             diameter_mm=targets.diameter_mm,
             thickness_mm=targets.thickness_mm,
         ),
-        motion=MotionOptions(reference_stage=reference_stage(project, stages)),
+        motion=MotionOptions(
+            reference_stage=reference_stage(project, stages),
+            leave_out=project.motion.leave_out,
+        ),
         frame_rate_hz=rate,
         inputs=tuple(_inputs(project, sources)),
         folder=project.folder,
-        warnings=tuple(warnings + not_applied_yet(project)),
+        warnings=tuple(warnings),
+        static=None if project.stability.points is None else read_points(project.stability.points),
     )
+
+
+def _reoriented(
+    job: MeasureJob, project: Project, reorient: Sequence[tuple[str, int | None]]
+) -> MeasureJob:
+    """The job with the poses of cameras that have moved found anew."""
+    if not reorient:
+        return job
+    rigs, told = reorient_in_sequence(
+        job.rig, job.sources, job.stages, recognition_options(project.targets), job.static, reorient
+    )
+    options = dataclasses.replace(job.options, later=rigs)
+    return dataclasses.replace(job, options=options, reoriented=told)
 
 
 def _check_numbers(diameter_mm: float | None, thickness_mm: float, full_every: int) -> None:
@@ -468,4 +503,5 @@ def reference_stage(project: Project, stages: tuple[int, int]) -> int:
 def _inputs(project: Project, sources: dict[str, JoinedSource]) -> list[str | os.PathLike[str]]:
     files: list[str | os.PathLike[str]] = [*input_files(project, sources)]
     rig_files = (project.rig_path, project.rig_path.with_suffix(".npz"))
-    return [*files, *(path for path in rig_files if path.is_file())]
+    static = [] if project.stability.points is None else [project.stability.points]
+    return [*files, *static, *(path for path in rig_files if path.is_file())]

@@ -80,11 +80,11 @@ class StabilityCheck:
         self._begins = np.array(begins[:-1])
 
     def add(self, record: ChunkRecord) -> None:
-        """The next stages, all of one part."""
-        part = self._parts[int(np.searchsorted(self._begins, record.stage[0], side="right")) - 1]
+        """The next stages."""
         looked = np.flatnonzero((record.stage - self._first) % self._every == 0)
-        if len(looked):
-            part.add(record, looked)
+        number = np.searchsorted(self._begins, record.stage[looked], side="right") - 1
+        for k in np.unique(number).tolist():
+            self._parts[k].add(record, looked[number == k])
 
     def result(self) -> Stability:
         """Of all stages taken."""
@@ -175,8 +175,9 @@ class _Targets:
         """Those of ``rows`` whose code is there once in their picture."""
         key = (self.look.astype(np.int64) << 32) + (self.camera << 24) + self.code
         values, count = np.unique(key, return_counts=True)
-        once = count[np.searchsorted(values, key[rows])] == 1
-        return rows[once]
+        once = np.flatnonzero(count[np.searchsorted(values, key[rows])] == 1)
+        left: npt.NDArray[np.intp] = rows[once]
+        return left
 
 
 def _of_points(
@@ -262,7 +263,8 @@ def _back_to_points(
             residual[own] = targets.centre_px[rows[own]] - computed
     good = np.isfinite(residual).all(axis=1)
     table.put(point[good], targets, rows[good], residual[good])
-    return lost[~there]
+    others: npt.NDArray[np.intp] = lost[~there]
+    return others
 
 
 def _as_new_points(

@@ -142,58 +142,66 @@ def camera_scores(
     by_point, by_camera = np.zeros((points, cameras, 2, 3)), np.zeros((points, cameras, 2, _ALL))
     residual = np.nan_to_num(residuals.residual_px)
     for c, camera in enumerate(rig.cameras.values()):
-        rows = np.flatnonzero(np.isfinite(residuals.residual_px[:, c, 0]))
-        if len(rows):
-            _, by_point[rows, c], by_camera[rows, c] = project_from_world_with_jacobians(
-                camera, residuals.position_mm[rows]
+        seen = np.flatnonzero(np.isfinite(residuals.residual_px[:, c, 0]))
+        if len(seen):
+            _, by_point[seen, c], by_camera[seen, c] = project_from_world_with_jacobians(
+                camera, residuals.position_mm[seen]
             )
     residual = _whiten(residuals, residual, by_point, by_camera)
     by_motion = np.stack([pose_of_motion(camera) for camera in rig.cameras.values()])
     by_pose = by_camera[..., -_POSE:] @ by_motion
     order = np.argsort(residuals.look, kind="stable")
     ends = np.searchsorted(residuals.look[order], np.arange(num_looks + 1))
-    known = residuals.cov_mm2 is not None
-    fixed = np.zeros((num_looks, cameras, _POSE + 1, _POSE + 1))
-    augmented = np.concatenate([by_pose, residual[..., None]], axis=3)[order]
-    for c in range(cameras):
-        for k in range(num_looks):
-            rows = augmented[ends[k] : ends[k + 1], c].reshape(-1, _POSE + 1)
-            fixed[k, c] = rows.T @ rows
+    rows = [order[ends[k] : ends[k + 1]] for k in range(num_looks)]
+    root = None if residuals.cov_mm2 is not None else _point_root(by_point)
+    normal, score, chi2 = _sums(np.concatenate([by_pose, residual[..., None]], axis=3), root, rows)
     factor = np.zeros((_ALL * cameras, 0)) if factor is None else factor
-    normal = np.zeros((num_looks, _POSE * cameras, _POSE * cameras))
-    score = np.zeros((num_looks, _POSE * cameras))
-    chi2 = np.array(fixed[:, :, -1, -1])
-    for c in range(cameras):
-        mine = slice(_POSE * c, _POSE * (c + 1))
-        normal[:, mine, mine] = fixed[:, c, :_POSE, :_POSE]
-        score[:, mine] = fixed[:, c, :_POSE, -1]
-    root = np.zeros((points, 3, 2 * cameras))
-    if not known:
-        chi2 = np.repeat(chi2.sum(axis=1, keepdims=True), cameras, axis=1)
-        root = _point_root(by_point)[order]
-        shared = root.reshape(points, 3, cameras, 2).transpose(0, 2, 1, 3) @ augmented
-        poses = shared[..., :_POSE].transpose(0, 2, 1, 3).reshape(points, 3, -1)
-        rest = shared[..., -1].sum(axis=1)
-        for k in range(num_looks):
-            u = poses[ends[k] : ends[k + 1]].reshape(-1, _POSE * cameras)
-            v = rest[ends[k] : ends[k + 1]].reshape(-1)
-            normal[k] -= u.T @ u
-            score[k] -= u.T @ v
-            chi2[k] -= v @ v
     effect = np.zeros((num_looks, _POSE * cameras, factor.shape[1]))
     if factor.size:
-        for k in range(num_looks):
-            rows = order[ends[k] : ends[k + 1]]
-            effect[k] = _by_calibration(
-                by_camera[rows], by_pose[rows], root[ends[k] : ends[k + 1]], factor, known
-            )
+        for k, of_look in enumerate(rows):
+            own = None if root is None else root[of_look]
+            effect[k] = _by_calibration(by_camera[of_look], by_pose[of_look], own, factor)
+    count, redundancy, systematic = _counts(residuals, num_looks)
     return CameraScores(
         score=score,
         normal=normal,
         by_calibration=effect,
         chi2=chi2,
-        **_counts(residuals, num_looks, known),
+        redundancy=redundancy,
+        systematic=systematic,
+        points=count,
     )
+
+
+def _sums(
+    augmented: FloatArray, root: FloatArray | None, rows: list[npt.NDArray[np.intp]]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """N, g and chi-square of the looks; ``augmented`` (P, C, 2, 7): poses and residual."""
+    points, cameras = augmented.shape[:2]
+    normal = np.zeros((len(rows), _POSE * cameras, _POSE * cameras))
+    score = np.zeros((len(rows), _POSE * cameras))
+    chi2 = np.zeros((len(rows), cameras))
+    for c in range(cameras):
+        mine = slice(_POSE * c, _POSE * (c + 1))
+        for k, of_look in enumerate(rows):
+            own = augmented[of_look, c].reshape(-1, _POSE + 1)
+            square = own.T @ own
+            normal[k, mine, mine] = square[:_POSE, :_POSE]
+            score[k, mine] = square[:_POSE, -1]
+            chi2[k, c] = square[-1, -1]
+    if root is None:
+        return normal, score, chi2
+    # What the points take of it: with L L' = J'J and U = L^-1 J'B, N loses U'U.
+    chi2 = np.repeat(chi2.sum(axis=1, keepdims=True), cameras, axis=1)
+    shared = root.reshape(points, 3, cameras, 2).transpose(0, 2, 1, 3) @ augmented
+    poses = shared[..., :_POSE].transpose(0, 2, 1, 3).reshape(points, 3, -1)
+    rest = shared[..., -1].sum(axis=1)
+    for k, of_look in enumerate(rows):
+        u, v = poses[of_look].reshape(-1, _POSE * cameras), rest[of_look].reshape(-1)
+        normal[k] -= u.T @ u
+        score[k] -= u.T @ v
+        chi2[k] -= v @ v
+    return normal, score, chi2
 
 
 def _whiten(
@@ -233,44 +241,33 @@ def _point_root(by_point: FloatArray) -> FloatArray:
 
 
 def _by_calibration(
-    by_camera: FloatArray,
-    by_pose: FloatArray,
-    root: FloatArray,
-    factor: FloatArray,
-    known: bool,
+    by_camera: FloatArray, by_pose: FloatArray, root: FloatArray | None, factor: FloatArray
 ) -> FloatArray:
     """B'W P A F of one look."""
     points, cameras = by_camera.shape[:2]
     parts = factor.reshape(cameras, _ALL, -1)
     pictures = np.stack([by_camera[:, c].reshape(-1, _ALL) @ parts[c] for c in range(cameras)])
-    if not known:
+    if root is not None:
         # In the order (point, camera, xy), as the roots are.
         moved = pictures.reshape(cameras, points, 2, -1).transpose(1, 0, 2, 3)
-        moved = moved.reshape(points, 2 * cameras, -1)
-        moved = moved - np.swapaxes(root, 1, 2) @ (root @ moved)
-        pictures = moved.reshape(points, cameras, 2, -1).transpose(1, 0, 2, 3)
-        pictures = pictures.reshape(cameras, 2 * points, -1)
+        in_order = moved.reshape(points, 2 * cameras, -1)
+        in_order = in_order - np.swapaxes(root, 1, 2) @ (root @ in_order)
+        moved = in_order.reshape(points, cameras, 2, -1).transpose(1, 0, 2, 3)
+        pictures = moved.reshape(cameras, 2 * points, -1)
     return np.concatenate(
         [by_pose[:, c].reshape(-1, _POSE).T @ pictures[c] for c in range(cameras)]
     )
 
 
-def _counts(
-    residuals: PointResiduals, num_looks: int, known: bool
-) -> dict[str, npt.NDArray[np.generic]]:
-    """Redundancy, points and systematic share of every look and camera."""
+def _counts(residuals: PointResiduals, num_looks: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Points, redundancy and systematic share of every look and camera."""
     seen = np.isfinite(residuals.residual_px[..., 0])
-    cameras = seen.shape[1]
-    points = np.zeros((num_looks, cameras), dtype=np.int32)
-    share = np.zeros((num_looks, cameras))
+    points = np.zeros((num_looks, seen.shape[1]), dtype=np.int32)
+    share = np.zeros(points.shape)
     np.add.at(points, residuals.look, seen)
     np.add.at(share, residuals.look, np.where(seen, residuals.systematic, 0.0))
     redundancy = 2.0 * points
-    if not known:
+    if residuals.cov_mm2 is None:
         total = 2.0 * points.sum(axis=1) - 3.0 * np.bincount(residuals.look, minlength=num_looks)
-        redundancy = np.repeat(total[:, None], cameras, axis=1)
-    return {
-        "points": points,
-        "systematic": share / np.maximum(points, 1),
-        "redundancy": redundancy,
-    }
+        redundancy = np.repeat(total[:, None], points.shape[1], axis=1)
+    return points, redundancy, share / np.maximum(points, 1)

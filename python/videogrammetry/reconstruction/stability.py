@@ -82,7 +82,7 @@ def critical_chi2(level: float) -> float:
     Examples
     --------
     >>> round(critical_chi2(0.05), 2), round(critical_chi2(1e-8), 1)
-    (12.59, 48.8)
+    (12.59, 48.4)
     """
     low, high = 0.0, 2000.0
     for _ in range(100):
@@ -306,15 +306,11 @@ class PoseWatch:
             table, end, width, still, "sequence", after=after, stage=int(stage[begin])
         )
 
-    def _calibration_change(
-        self, table: _Cumulated, alarm: tuple[int, int, int]
-    ) -> PoseChange:
+    def _calibration_change(self, table: _Cumulated, alarm: tuple[int, int, int]) -> PoseChange:
         still = [c for c in range(self._count) if c not in self._moved]
         assert self._first is not None
         first = int(self._first.stage[0])
-        return self._change(
-            table, alarm[0], alarm[1], still, "calibration", after=0, stage=first
-        )
+        return self._change(table, alarm[0], alarm[1], still, "calibration", after=0, stage=first)
 
     def _change(
         self,
@@ -371,7 +367,7 @@ class PoseWatch:
         shape = (new, self._count, 6)
         scale = self._scale
         return (
-            looks.stage[end],
+            looks.stage[end].astype(float),
             change.reshape(shape) * scale,
             sigma.reshape(shape) * scale,
             chi2.reshape(shape[:2]),
@@ -398,7 +394,7 @@ class _Cumulated:
     ) -> npt.NDArray[np.intp]:
         """How many first looks a window is compared with: those before it, at most 16."""
         begin = self.before + end - width + 1
-        return np.clip(begin, 0, len(self._g0) - 1)
+        return np.clip(begin, 0, len(self._g0) - 1).astype(np.intp)
 
     def noise_chi2(
         self,
@@ -429,7 +425,7 @@ class _Cumulated:
         return _Sums(
             camera, width.astype(float), ref.astype(float), window(self._g), window(self._n),
             window(self._by), window(self._chi2), window(self._redundancy),
-            window(self._share) / width, self._g0[ref, camera], self._cov0[ref, camera],
+            np.asarray(window(self._share) / width, float), self._g0[ref, camera], self._cov0[ref, camera],
             self._by0[ref, camera],
         )  # fmt: skip
 

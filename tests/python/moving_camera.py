@@ -10,6 +10,12 @@ from two_pairs import SIGMAS, calibrated
 
 from videogrammetry.geometry import CAMERA_PARAMETERS, project, rotation_looking_at
 from videogrammetry.reconstruction import Triangulator
+from videogrammetry.reconstruction.camera_scores import (
+    PointResiduals,
+    calibration_factor,
+    camera_scores,
+)
+from videogrammetry.reconstruction.stability import PoseWatch
 from videogrammetry.types import RigCamera, RigData
 
 SIGMA_PX, DISTANCE_MM = 0.02, 4000.0
@@ -85,7 +91,44 @@ def intersected(triangulator: Triangulator, xy, sigma_px=SIGMA_PX):
     return found["position_mm"], residual
 
 
-__all__ = [
-    "DISTANCE_MM", "SIGMA_PX", "Rotation", "body", "calibrated", "dataclasses", "intersected",
-    "pictures", "ring_rig", "turned",
-]  # fmt: skip
+def watched(
+    seed, *, cameras=4, stages=1000, at=0, camera=1, turn_rad=(1e-4, 0, 0), sigma=0.2,
+    points=50, every=10, swing_mm=20.0, bend_mm=50.0, covariance=True, spoil=None,
+):  # fmt: skip
+    """A watch that has seen a sequence; from stage ``at`` (from 1) on a camera is turned.
+
+    ``sigma``: the calibration's errors over those of two_pairs. ``spoil(stage, xy)``
+    changes the pictures (P, C, 2) of a stage.
+    """
+    rng = np.random.default_rng(seed)
+    truth = ring_rig(cameras, rng, sigma=sigma)
+    rig = calibrated(truth, rng)
+    if not covariance:
+        rig = dataclasses.replace(rig, cov=None, cov_names=())
+    later = turned(truth, camera, turn_rad)
+    position = body(rng, points, stages, swing_mm=swing_mm, bend_mm=bend_mm)
+    triangulator, factor = Triangulator(rig), calibration_factor(rig)
+    scale = np.tile([1 / 2650] * 3 + [DISTANCE_MM / 2650] * 3, (cameras, 1))
+    looked = np.arange(1, stages + 1, every)
+    watch = PoseWatch(scale, len(looked))
+    for part in np.array_split(looked, max(len(looked) // 10, 1)):
+        xy = np.stack(
+            [
+                pictures(later if at and stage >= at else truth, position[stage - 1], rng)
+                for stage in part
+            ]
+        )
+        if spoil is not None:
+            for stage, of_stage in zip(part, xy, strict=True):
+                spoil(stage, of_stage)
+        place, residual = intersected(triangulator, xy.reshape(-1, cameras, 2))
+        residuals = PointResiduals(
+            look=np.repeat(np.arange(len(part)), points),
+            position_mm=place,
+            residual_px=residual,
+            variance_px2=np.full(residual.shape, SIGMA_PX**2),
+            systematic=np.zeros(residual.shape[:2]),
+        )
+        watch.add(part, camera_scores(rig, residuals, len(part), factor))
+    watch.finish()
+    return watch

@@ -270,4 +270,5 @@ def _counts(residuals: PointResiduals, num_looks: int) -> tuple[IntArray, FloatA
     if residuals.cov_mm2 is None:
         total = 2.0 * points.sum(axis=1) - 3.0 * np.bincount(residuals.look, minlength=num_looks)
         redundancy = np.repeat(total[:, None], points.shape[1], axis=1)
-    return points, redundancy, share / np.maximum(points, 1)
+    share /= np.maximum(points, 1)
+    return points, redundancy, share

@@ -394,7 +394,8 @@ class _Cumulated:
     ) -> npt.NDArray[np.intp]:
         """How many first looks a window is compared with: those before it, at most 16."""
         begin = self.before + end - width + 1
-        return np.clip(begin, 0, len(self._g0) - 1).astype(np.intp)
+        count: npt.NDArray[np.intp] = np.clip(begin, 0, len(self._g0) - 1)
+        return count
 
     def noise_chi2(
         self,
@@ -425,8 +426,8 @@ class _Cumulated:
         return _Sums(
             camera, width.astype(float), ref.astype(float), window(self._g), window(self._n),
             window(self._by), window(self._chi2), window(self._redundancy),
-            np.asarray(window(self._share) / width, float), self._g0[ref, camera], self._cov0[ref, camera],
-            self._by0[ref, camera],
+            window(self._share) / width.astype(float), self._g0[ref, camera],
+            self._cov0[ref, camera], self._by0[ref, camera],
         )  # fmt: skip
 
     def stays(self, end: int, width: int, camera: int, against: str, least: float) -> bool:

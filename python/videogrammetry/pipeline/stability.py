@@ -32,6 +32,8 @@ from videogrammetry.types import (
 _EVERY, _SHORT = 10, 100
 #: Residuals of more than so many of their camera's median ones, or standard deviations.
 _GROSS = 6.0
+#: Targets without a code that are put back to their points: how many at least, how far off.
+_LEAST_BACK, _FARTHEST_BACK_PX = 6, 30.0
 _NEVER = np.iinfo(np.int32).max
 _MET_WRONGLY = TARGET_STATUS.index("inconsistent ID")
 
@@ -201,6 +203,7 @@ def _of_points(
         key = (look_of_point[kept].astype(np.int64) << 32) + record.point_code[kept]
         lost = _back_to_points(table, targets, lost, key, rig)
         _as_new_points(table, targets, lost, triangulator)
+    _back_by_place(table, targets, rig)
     return _without_gross(table.residuals(), any_camera=False)
 
 
@@ -265,6 +268,47 @@ def _back_to_points(
     table.put(point[good], targets, rows[good], residual[good])
     others: npt.NDArray[np.intp] = lost[~there]
     return others
+
+
+def _back_by_place(table: _Table, targets: _Targets, rig: RigData) -> None:
+    """Puts targets without a code back to points that their camera has lost.
+
+    Where a camera that sees as many targets as the others has part in less than half of
+    the points, those of the others are projected into its picture. Its free targets
+    nearest to them are theirs if most of them are off by the same way.
+    """
+    seen = np.isfinite(table.residual_px[..., 0])
+    lost = _lost_looks(table, seen)
+    if not lost.any():
+        return
+    free = (targets.point < 0) & (targets.code < 0)
+    for look, c in np.argwhere(lost).tolist():
+        rows = np.flatnonzero(free & (targets.look == look) & (targets.camera == c))
+        points = np.flatnonzero((table.look == look) & ~seen[:, c])
+        if len(rows) < _LEAST_BACK:
+            continue
+        camera = list(rig.cameras.values())[c]
+        computed = project_from_world(camera, table.position_mm[points])
+        way = targets.centre_px[rows][None] - computed[:, None]
+        distance = np.nan_to_num(np.linalg.norm(way, axis=2), nan=np.inf)
+        nearest = distance.argmin(axis=1)
+        mutual = distance.argmin(axis=0)[nearest] == np.arange(len(points))
+        mutual &= distance.min(axis=1) < _FARTHEST_BACK_PX
+        mine = np.flatnonzero(mutual)
+        off = way[mine, nearest[mine]]
+        middle = np.median(off, axis=0) if len(mine) else np.zeros(2)
+        near = np.linalg.norm(off - middle, axis=1) < 1.0 + 0.2 * float(np.linalg.norm(middle))
+        if near.sum() >= max(_LEAST_BACK, 0.5 * len(mine)):
+            table.put(points[mine[near]], targets, rows[nearest[mine[near]]], off[near])
+
+
+def _lost_looks(table: _Table, seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """(K, C) where a camera has part in less than half of a look's points."""
+    looks = int(table.look.max(initial=-1)) + 1
+    count = np.zeros((looks, seen.shape[1]))
+    np.add.at(count, table.look, seen)
+    total = np.bincount(table.look, minlength=looks)
+    return (count < 0.5 * total[:, None]) & (total[:, None] >= _LEAST_BACK)
 
 
 def _as_new_points(

@@ -148,19 +148,24 @@ def camera_scores(
                 camera, residuals.position_mm[seen]
             )
     residual = _whiten(residuals, residual, by_point, by_camera)
-    by_motion = np.stack([pose_of_motion(camera) for camera in rig.cameras.values()])
-    by_pose = by_camera[..., -_POSE:] @ by_motion
+    augmented = np.concatenate([by_camera[..., -_POSE:], residual[..., None]], axis=3)
+    for c, camera in enumerate(rig.cameras.values()):
+        own = by_camera[:, c, :, -_POSE:].reshape(-1, _POSE) @ pose_of_motion(camera)
+        augmented[:, c, :, :_POSE] = own.reshape(points, 2, _POSE)
     order = np.argsort(residuals.look, kind="stable")
     ends = np.searchsorted(residuals.look[order], np.arange(num_looks + 1))
     rows = [order[ends[k] : ends[k + 1]] for k in range(num_looks)]
     root = None if residuals.cov_mm2 is not None else _point_root(by_point)
-    normal, score, chi2 = _sums(np.concatenate([by_pose, residual[..., None]], axis=3), root, rows)
+    normal, score, chi2, poses = _sums(augmented, root, rows)
     factor = np.zeros((_ALL * cameras, 0)) if factor is None else factor
     effect = np.zeros((num_looks, _POSE * cameras, factor.shape[1]))
     if factor.size:
         for k, of_look in enumerate(rows):
-            own = None if root is None else root[of_look]
-            effect[k] = _by_calibration(by_camera[of_look], by_pose[of_look], own, factor)
+            by_pose = augmented[of_look, ..., :_POSE]
+            effect[k], pictures = _by_calibration(by_camera[of_look], by_pose, factor)
+            if root is not None and poses is not None:
+                shared = (root[of_look] @ pictures).reshape(-1, factor.shape[1])
+                effect[k] -= poses[of_look].reshape(len(shared), -1).T @ shared
     count, redundancy, systematic = _counts(residuals, num_looks)
     return CameraScores(
         score=score,
@@ -175,8 +180,11 @@ def camera_scores(
 
 def _sums(
     augmented: FloatArray, root: FloatArray | None, rows: list[npt.NDArray[np.intp]]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """N, g and chi-square of the looks; ``augmented`` (P, C, 2, 7): poses and residual."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """N, g and chi-square of the looks, and U (P, 3, 6 C), what points take of the poses.
+
+    ``augmented`` (P, C, 2, 7): poses and residual; ``root``: L^-1 J', None: known points.
+    """
     points, cameras = augmented.shape[:2]
     normal = np.zeros((len(rows), _POSE * cameras, _POSE * cameras))
     score = np.zeros((len(rows), _POSE * cameras))
@@ -190,7 +198,7 @@ def _sums(
             score[k, mine] = square[:_POSE, -1]
             chi2[k, c] = square[-1, -1]
     if root is None:
-        return normal, score, chi2
+        return normal, score, chi2, None
     # What the points take of it: with L L' = J'J and U = L^-1 J'B, N loses U'U.
     chi2 = np.repeat(chi2.sum(axis=1, keepdims=True), cameras, axis=1)
     shared = root.reshape(points, 3, cameras, 2).transpose(0, 2, 1, 3) @ augmented
@@ -201,7 +209,7 @@ def _sums(
         normal[k] -= u.T @ u
         score[k] -= u.T @ v
         chi2[k] -= v @ v
-    return normal, score, chi2
+    return normal, score, chi2, poses
 
 
 def _whiten(
@@ -241,22 +249,18 @@ def _point_root(by_point: FloatArray) -> FloatArray:
 
 
 def _by_calibration(
-    by_camera: FloatArray, by_pose: FloatArray, root: FloatArray | None, factor: FloatArray
-) -> FloatArray:
-    """B'W P A F of one look."""
+    by_camera: FloatArray, by_pose: FloatArray, factor: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """B'W A F (6 C, R) of one look, and W^1/2 A F (P, 2 C, R)."""
     points, cameras = by_camera.shape[:2]
     parts = factor.reshape(cameras, _ALL, -1)
-    pictures = np.stack([by_camera[:, c].reshape(-1, _ALL) @ parts[c] for c in range(cameras)])
-    if root is not None:
-        # In the order (point, camera, xy), as the roots are.
-        moved = pictures.reshape(cameras, points, 2, -1).transpose(1, 0, 2, 3)
-        in_order = moved.reshape(points, 2 * cameras, -1)
-        in_order = in_order - np.swapaxes(root, 1, 2) @ (root @ in_order)
-        moved = in_order.reshape(points, cameras, 2, -1).transpose(1, 0, 2, 3)
-        pictures = moved.reshape(cameras, 2 * points, -1)
-    return np.concatenate(
-        [by_pose[:, c].reshape(-1, _POSE).T @ pictures[c] for c in range(cameras)]
-    )
+    pictures = np.empty((points, cameras, 2, factor.shape[1]))
+    effect = np.empty((cameras, _POSE, factor.shape[1]))
+    for c in range(cameras):
+        own = by_camera[:, c].reshape(-1, _ALL) @ parts[c]
+        effect[c] = by_pose[:, c].reshape(-1, _POSE).T @ own
+        pictures[:, c] = own.reshape(points, 2, -1)
+    return effect.reshape(_POSE * cameras, -1), pictures.reshape(points, 2 * cameras, -1)
 
 
 def _counts(residuals: PointResiduals, num_looks: int) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -266,9 +270,10 @@ def _counts(residuals: PointResiduals, num_looks: int) -> tuple[IntArray, FloatA
     share = np.zeros(points.shape)
     np.add.at(points, residuals.look, seen)
     np.add.at(share, residuals.look, np.where(seen, residuals.systematic, 0.0))
-    redundancy = 2.0 * points
+    redundancy: FloatArray = 2.0 * points.astype(np.float64)
     if residuals.cov_mm2 is None:
-        total = 2.0 * points.sum(axis=1) - 3.0 * np.bincount(residuals.look, minlength=num_looks)
+        of_looks = np.bincount(residuals.look, minlength=num_looks)
+        total = redundancy.sum(axis=1) - 3.0 * of_looks
         redundancy = np.repeat(total[:, None], points.shape[1], axis=1)
     share /= np.maximum(points, 1)
     return points, redundancy, share

@@ -185,12 +185,17 @@ class PoseWatch:
         self._last = freed if self._last is None else self._last.then(freed)
         self._first = _more(self._first, freed)
         self._taken += len(looks)
-        while (change := self._next_change(len(looks))) is not None:
+        table = _Cumulated(self._last, self._first, self._taken - len(self._last))
+        before, raw = len(self._moved), table
+        while (change := self._next_change(table, len(looks))) is not None:
             self.changes.append(change)
             self._moved += change.cameras
             self._last = self._without(self._last)
             self._first = self._without(self._first)
-        self._series.append(self._of_series(len(looks)))
+            table = _Cumulated(self._last, self._first, self._taken - len(self._last))
+        if before:
+            raw = _Cumulated(self._raw, self._raw_first, self._taken - len(self._raw))
+        self._series.append(self._of_series(raw, len(looks)))
         keep = slice(-(WINDOWS[-1] - 1), None)
         self._last, self._raw = self._last.rows(keep), self._raw.rows(keep)
 
@@ -235,12 +240,8 @@ class PoseWatch:
             scores.systematic,
         )
 
-    def _next_change(self, new: int) -> PoseChange | None:
-        assert self._last is not None
-        assert self._first is not None
-        looks, first = self._last, self._first
-        before = self._taken - len(looks)
-        table = _Cumulated(looks, first, before)
+    def _next_change(self, table: _Cumulated, new: int) -> PoseChange | None:
+        looks, before = table.looks, table.before
         still = [c for c in range(self._count) if c not in self._moved]
         if not still:
             return None
@@ -350,12 +351,9 @@ class PoseWatch:
             critical=self.critical,
         )
 
-    def _of_series(self, new: int) -> tuple[FloatArray, ...]:
+    def _of_series(self, table: _Cumulated, new: int) -> tuple[FloatArray, ...]:
         """Stage, change, sigma and chi-square of the new looks, every camera as if alone."""
-        assert self._raw is not None
-        assert self._raw_first is not None
-        looks = self._raw
-        table = _Cumulated(looks, self._raw_first, self._taken - len(looks))
+        looks = table.looks
         end = np.arange(len(looks) - new, len(looks))
         width = np.minimum(_SERIES, end + 1)
         cameras = np.tile(np.arange(self._count), new)
@@ -386,7 +384,8 @@ class _Cumulated:
         self._redundancy, self._share = _cumulated(looks.redundancy), _cumulated(looks.share)
         self._g0, self._by0 = _cumulated(first.g), _cumulated(first.by)
         prior = np.eye(6) / _PRIOR_PX**2
-        self._cov0 = np.linalg.inv(_cumulated(_own(first.n)) + prior)
+        inverse = np.linalg.inv(_cumulated(_own(first.n)) + prior)
+        self._cov0 = np.asarray(inverse, np.float64)
         self._change0 = (self._cov0 @ self._g0[..., None])[..., 0]
 
     def _reference(
@@ -426,7 +425,7 @@ class _Cumulated:
         return _Sums(
             camera, width.astype(float), ref.astype(float), window(self._g), window(self._n),
             window(self._by), window(self._chi2), window(self._redundancy),
-            window(self._share) / width.astype(float), self._g0[ref, camera],
+            window(self._share) / width, self._g0[ref, camera],
             self._cov0[ref, camera], self._by0[ref, camera],
         )  # fmt: skip
 

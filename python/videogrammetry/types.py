@@ -469,7 +469,8 @@ class TargetRecords:
 class CameraSeries:
     """How far every camera seems to have moved since the first stages.
 
-    Every camera by itself, as if it alone had; over the last eight looks.
+    Every camera by itself, as if it alone had; over the last eight looks (of the first the
+    later half, against the earlier), against the first sixteen; NaN at the first look.
 
     Attributes
     ----------

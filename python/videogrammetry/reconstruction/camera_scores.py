@@ -104,6 +104,8 @@ def calibration_factor(rig: RigData) -> FloatArray:
     value, vector = np.linalg.eigh(cov / np.outer(scale, scale))
     kept = value > _SMALLEST * value[-1]
     factor: FloatArray = scale[:, None] * vector[:, kept] * np.sqrt(value[kept])
+    # What is held stays so: rounding errors times the 20th power of ten, of A3, are large.
+    factor[held] = 0.0
     return factor
 
 

@@ -355,7 +355,8 @@ class PoseWatch:
         """Stage, change, sigma and chi-square of the new looks, every camera as if alone."""
         looks = table.looks
         end = np.arange(len(looks) - new, len(looks))
-        width = np.minimum(_SERIES, end + 1)
+        # Of the first looks the later half is compared with the earlier.
+        width = np.clip((table.before + end + 1) // 2, 1, _SERIES)
         cameras = np.tile(np.arange(self._count), new)
         sums = table.sums(np.repeat(end, self._count), np.repeat(width, self._count), cameras)
         chi2, s, cov, _ = _tested(sums, "sequence")
@@ -364,11 +365,13 @@ class PoseWatch:
         sigma = np.sqrt(np.maximum(np.diagonal(inverse @ cov @ inverse, axis1=1, axis2=2), 0.0))
         shape = (new, self._count, 6)
         scale = self._scale
+        # The very first is compared with nothing.
+        some = np.where(table.before + end > 0, 1.0, np.nan)[:, None]
         return (
             looks.stage[end].astype(float),
-            change.reshape(shape) * scale,
-            sigma.reshape(shape) * scale,
-            chi2.reshape(shape[:2]),
+            change.reshape(shape) * scale * some[..., None],
+            sigma.reshape(shape) * scale * some[..., None],
+            chi2.reshape(shape[:2]) * some,
         )
 
 

@@ -111,8 +111,12 @@ def test_quiet_records_say_nothing_and_have_series() -> None:
     assert found.warnings == ()
     assert found.series.stage.tolist() == list(range(1, 301, 10))
     assert found.series.turn_rad.shape == (30, 4, 3)
-    off = found.series.turn_rad[2:] / found.series.sigma_turn_rad[2:]
+    assert np.isnan(found.series.turn_rad[0]).all()
+    off = found.series.turn_rad[1:] / found.series.sigma_turn_rad[1:]
     assert np.abs(off).max() < 5
+    # 20 points of 0.02 px, 0.0045 px of the picture and f = 2650 px, are 1.7 urad across the
+    # axis for one look; roll and what points take make it more, never as much as 0.1 mrad.
+    assert np.median(found.series.sigma_turn_rad[16:, :, :2]) < 1e-4
 
 
 def test_points_that_a_moved_camera_sees_are_flagged_from_there_on() -> None:
@@ -201,7 +205,7 @@ def test_from_pictures_to_the_pose_found_anew(tmp_path) -> None:
     there = measured.trajectories.cameras_used[..., 1]
     late = measured.trajectories.stage[:, None] >= 112
     np.testing.assert_array_equal(flagged, there & late)
-    assert measured.stability.chi2.max() > measured.stability.critical_chi2
+    assert np.nanmax(measured.stability.chi2) > measured.stability.critical_chi2
     assert measured.stability.turn_rad.shape == (20, 4, 3)
 
     again = measure_project(project, reorient=[("c2", moved_at)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from moving_camera import (
@@ -16,6 +18,7 @@ from moving_camera import (
 )
 from scipy.stats import chi2 as chi2_distribution
 
+from videogrammetry.geometry import project_from_world_with_jacobians
 from videogrammetry.reconstruction import Triangulator
 from videogrammetry.reconstruction.camera_scores import (
     PointResiduals,
@@ -139,6 +142,25 @@ def test_scores_have_the_covariance_that_they_state() -> None:
     white = (np.array(g) / np.sqrt(np.diag(stated))) @ vector[:, kept] / np.sqrt(value[kept])
     mean = (white**2).sum(axis=1).mean() / kept.sum()
     assert mean == pytest.approx(1, abs=4 * np.sqrt(2 / (draws * kept.sum())))
+
+
+def test_the_factor_does_to_pictures_what_the_covariance_does() -> None:
+    rng = np.random.default_rng(2)
+    rig = ring_rig(2, rng)
+    free = np.diag(rig.cov) > 0  # A2, A3 and others are held
+    mix = rng.normal(size=(free.sum(), free.sum()))
+    sigma = np.sqrt(np.diag(rig.cov)[free])
+    cov = np.zeros_like(rig.cov)
+    cov[np.ix_(free, free)] = mix @ mix.T * np.outer(sigma, sigma)
+    rig = dataclasses.replace(rig, cov=cov)
+    factor = calibration_factor(rig)[:16]
+    position = rng.uniform(-400, 400, (20, 3))
+    _, _, by_camera = project_from_world_with_jacobians(rig.cameras["c1"], position)
+    np.testing.assert_allclose(
+        np.square(by_camera @ factor).sum(axis=2),
+        np.einsum("nij,jk,nik->ni", by_camera, cov[:16, :16], by_camera),
+        rtol=1e-6,
+    )
 
 
 def test_the_scores_expect_what_a_motion_does() -> None:

@@ -10,9 +10,10 @@ and 128 looks the sums G and M are tested:
 - against the calibration: s = G with L L', L what its standard errors do to G.
 
 s' cov(s)^-1 s is chi-square with six degrees of freedom while nothing moves. The share of
-the variance that stays from look to look is not divided by their number; all is multiplied
-by what the residuals left over say of the noise, if that is more. The level is for all looks,
-windows and cameras together (Bonferroni).
+the variance that stays from look to look is not divided by their number, nor by that of the
+points where there are more than 12; all is multiplied by what the residuals left over say
+of the noise, if that is more. The level is for all looks, windows and cameras together
+(Bonferroni).
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ WINDOWS = (2, 8, 32, 128)
 _REFERENCE, _LEAST = 16, 2
 #: A camera's motion of which nothing is known before, as its targets' way in the picture.
 _PRIOR_PX = 20.0
+#: Parts of a picture in each of which a lens' error that no calibration models is its own.
+_PATCHES = 12.0
 #: Window of the series that are kept.
 _SERIES = 8
 #: Cameras are told apart by likelihoods of 1000 to 1, and of 1 % of the logarithm, for
@@ -103,6 +106,7 @@ class _Looks:
     chi2: FloatArray
     redundancy: FloatArray
     share: FloatArray
+    points: FloatArray
 
     def __len__(self) -> int:
         return len(self.stage)
@@ -130,6 +134,7 @@ class _Sums:
     chi2: FloatArray
     redundancy: FloatArray
     share: FloatArray
+    points: FloatArray
     g0: FloatArray
     cov0: FloatArray
     by0: FloatArray
@@ -238,6 +243,7 @@ class PoseWatch:
             scores.chi2,
             scores.redundancy,
             scores.systematic,
+            scores.points.astype(float),
         )
 
     def _next_change(self, table: _Cumulated, new: int) -> PoseChange | None:
@@ -385,6 +391,7 @@ class _Cumulated:
         self._g, self._n = _cumulated(looks.g), _cumulated(blocks)
         self._by, self._chi2 = _cumulated(looks.by), _cumulated(looks.chi2)
         self._redundancy, self._share = _cumulated(looks.redundancy), _cumulated(looks.share)
+        self._points = _cumulated(looks.points)
         self._g0, self._by0 = _cumulated(first.g), _cumulated(first.by)
         prior = np.eye(6) / _PRIOR_PX**2
         inverse = np.linalg.inv(_cumulated(_own(first.n)) + prior)
@@ -428,7 +435,7 @@ class _Cumulated:
         return _Sums(
             camera, width.astype(float), ref.astype(float), window(self._g), window(self._n),
             window(self._by), window(self._chi2), window(self._redundancy),
-            window(self._share) / width, self._g0[ref, camera],
+            window(self._share) / width, window(self._points) / width, self._g0[ref, camera],
             self._cov0[ref, camera], self._by0[ref, camera],
         )  # fmt: skip
 
@@ -454,13 +461,15 @@ def _tested(sums: _Sums, against: str) -> tuple[FloatArray, FloatArray, FloatArr
     n, share = sums.n, sums.share
     left = sums.chi2 - _quadratic(sums.g, n)
     noise = np.maximum(1.0, left / np.maximum(sums.redundancy - 6, 1))
-    own = (1 - share) + share * sums.count
+    # What stays from look to look is smooth over the picture: neighbours do not average it.
+    stays = share * np.maximum(1.0, sums.points / _PATCHES)
+    own = (1 - share) + stays * sums.count
     cov = n * own[:, None, None]
     s, by = sums.g, sums.by
     if against == "sequence":
         by_reference = n @ sums.cov0
         s = s - (by_reference @ sums.g0[..., None])[..., 0]
-        reference = (1 - share) + share * sums.count0
+        reference = (1 - share) + stays * sums.count0
         cov = cov + by_reference @ n * reference[:, None, None]
         by = by - by_reference @ sums.by0
     cov = cov * noise[:, None, None] + by @ np.swapaxes(by, 1, 2)
@@ -528,4 +537,5 @@ def _without(looks: _Looks, moved: list[int]) -> _Looks:
         looks.chi2 - explained,
         looks.redundancy - len(of),
         looks.share,
+        looks.points,
     )

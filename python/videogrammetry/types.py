@@ -526,13 +526,38 @@ class TargetRecords:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CameraSeries:
+    """How far every camera seems to have moved since the first stages.
+
+    Every camera by itself, as if it alone had; over the last eight looks (of the first the
+    later half, against the earlier), against the first sixteen; NaN at the first look.
+
+    Attributes
+    ----------
+    stage : (K,) of the looks.
+    turn_rad, shift_mm : (K, C, 3) turn about the projection centre, as a rotation vector
+        on the left of cam_from_world, and the centre's shift in the rig's frame;
+        sigma_turn_rad, sigma_shift_mm : their standard deviations.
+    chi2 : (K, C) of the six. critical_chi2 : above it a camera has moved.
+    """
+
+    stage: IntArray
+    turn_rad: FloatArray
+    shift_mm: FloatArray
+    sigma_turn_rad: FloatArray
+    sigma_shift_mm: FloatArray
+    chi2: FloatArray
+    critical_chi2: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Measurement:
     """Everything that ``measure`` found: what measurement.h5 holds.
 
     ``image_name[c][s]`` is the picture of camera c at the s-th stage;
     ``provenance`` has version, options, hashes of the inputs and time;
     ``flag_meanings`` names the values of ``targets.match_status`` and
-    ``targets.ring_status``.
+    ``targets.ring_status``; ``stability`` is of the cameras, None where it was not looked at.
     """
 
     trajectories: Trajectories
@@ -543,3 +568,4 @@ class Measurement:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     flag_meanings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    stability: CameraSeries | None = None

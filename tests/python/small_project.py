@@ -77,8 +77,17 @@ def frames_of(rig: RigData, name: str, stages: int, *, coded: bool = True) -> li
     return [period[s % PERIOD] for s in range(stages)]
 
 
-def write_small_project(folder: Path, stages: int, *, rig: RigData | None = None) -> Path:
-    """A folder with a rig and one recording a camera; returns the project file."""
+def write_small_project(
+    folder: Path,
+    stages: int,
+    *,
+    rig: RigData | None = None,
+    later: tuple[int, RigData] | None = None,
+) -> Path:
+    """A folder with a rig and one recording a camera; returns the project file.
+
+    ``later``: a stage, and how the cameras stand from there on.
+    """
     rig = rig or small_rig()
     folder.mkdir(exist_ok=True)
     for name in rig.cameras:
@@ -90,7 +99,11 @@ def write_small_project(folder: Path, stages: int, *, rig: RigData | None = None
             bit_depth=8,
             frame_rate_hz=1000.0,
         ) as writer:
-            for frame in frames_of(rig, name, stages):
+            frames = frames_of(rig, name, stages)
+            if later is not None:
+                first, moved = later
+                frames[first - 1 :] = frames_of(moved, name, stages)[first - 1 :]
+            for frame in frames:
                 writer.append(frame)
     write_rig(folder / "rig.json", rig)
     sections = "".join(f'[cameras.{n}]\nsequence = "{n}.cihx"\n' for n in rig.cameras)

@@ -16,6 +16,7 @@ from videogrammetry.cli.common import (
 )
 from videogrammetry.project import provenance, read_measurement, read_project
 from videogrammetry.project.provenance import write_with_provenance
+from videogrammetry.types import POINT_FLAGS
 
 SUFFIXES = (".csv",)
 
@@ -53,6 +54,15 @@ def add_parser(verbs: SubParsers) -> None:
     parser.add_argument(
         "--stage", type=int, metavar="N", help="stage for --what points (default: the reference's)"
     )
+    parser.add_argument(
+        "--leave-out",
+        nargs="+",
+        choices=POINT_FLAGS,
+        default=[],
+        metavar="FLAG",
+        help="leave out positions that have one of these flags, and what is derived from them: "
+        + ", ".join(POINT_FLAGS),
+    )
     exchange.add_options(parser)
     add_force(parser)
 
@@ -73,11 +83,15 @@ def run(args: argparse.Namespace) -> int:
     project = read_project(args.inputs[0])
     refuse_overwrite_table(args.file, args.force)
 
-    from videogrammetry.export import format_table
+    from videogrammetry.export import format_table, leave_out_flagged
 
-    text = format_table(read_measurement(project.measurement_path), args.what, args.stage)
+    if args.leave_out and args.what == "targets":
+        raise UsageError("--leave-out goes with positions, not with --what targets")
+    measurement = leave_out_flagged(read_measurement(project.measurement_path), args.leave_out)
+    text = format_table(measurement, args.what, args.stage)
     origin = provenance(
-        {"what": args.what, "stage": args.stage},
+        {"what": args.what, "stage": args.stage}
+        | ({"leave_out": args.leave_out} if args.leave_out else {}),
         [project.path, project.measurement_path],
         project.folder,
     )

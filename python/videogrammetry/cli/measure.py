@@ -56,9 +56,35 @@ def add_parser(verbs: SubParsers) -> None:
         action="store_true",
         help="leave frames that cannot be read empty, with a warning",
     )
+    parser.add_argument(
+        "--reorient",
+        action="append",
+        type=moved_camera,
+        default=[],
+        metavar="CAMERA[:STAGE]",
+        help="a camera that has moved, and from which stage on (default: the first): its pose "
+        "from there on is found from [stability] points or from coded points that two other "
+        "cameras see; may be given several times",
+    )
     _add_cluster(parser)
     _add_follow(parser)
     add_force(parser)
+
+
+def moved_camera(text: str) -> tuple[str, int | None]:
+    """A camera and the stage from which on it stands otherwise.
+
+    Examples
+    --------
+    >>> moved_camera("cam2:501"), moved_camera("cam2")
+    (('cam2', 501), ('cam2', None))
+    """
+    name, colon, stage = text.rpartition(":")
+    if not colon:
+        return text, None
+    if not stage.isdecimal() or not name:
+        raise argparse.ArgumentTypeError(f"expected CAMERA or CAMERA:STAGE, got {text!r}")
+    return name, int(stage)
 
 
 def _add_cluster(parser: argparse.ArgumentParser) -> None:
@@ -166,6 +192,7 @@ def _measure(project: Project, args: argparse.Namespace) -> None:
         else:
             table = measure_to_file(
                 project,
+                reorient=args.reorient,
                 progress=progress,
                 num_threads=args.threads,
                 skip_unreadable=args.skip_unreadable,

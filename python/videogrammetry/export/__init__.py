@@ -10,7 +10,7 @@ from videogrammetry.export.rig_formats import (
     format_file,
     format_folder,
 )
-from videogrammetry.export.tables import TABLES, format_table
+from videogrammetry.export.tables import TABLES, format_table, leave_out_flagged
 
 __all__ = [
     "RIG_FORMATS",
@@ -23,6 +23,7 @@ __all__ = [
     "format_file",
     "format_folder",
     "format_table",
+    "leave_out_flagged",
     "read_lens_cameras",
     "rig_of_lenses",
 ]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from videogrammetry.errors import MeasurementError
+from videogrammetry.motion import MotionOptions, compute_motion, without_flagged
 from videogrammetry.project import (
     CENTROID,
     MotionTable,
@@ -120,6 +122,30 @@ def targets_csv(measurement: Measurement) -> str:
         *targets.sigma_px.T,
     ]
     return format_csv(TARGET_COLUMNS, columns)
+
+
+def leave_out_flagged(measurement: Measurement, flags: Sequence[str]) -> Measurement:
+    """The measurement without positions that have one of some flags, and their motion anew.
+
+    Raises
+    ------
+    ValueError
+        A name is none of ``types.POINT_FLAGS``.
+    """
+    if not flags:
+        return measurement
+    old = measurement.motion
+    before = measurement.provenance.get("options", {}).get("motion") or {}
+    options = MotionOptions(
+        reference_stage=old.reference_stage,
+        centroid_points=tuple(old.centroid_points.tolist()),
+        leave_out=tuple({*flags, *(before.get("leave_out") or ())}),
+    )
+    return dataclasses.replace(
+        measurement,
+        trajectories=without_flagged(measurement.trajectories, flags),
+        motion=compute_motion(measurement.trajectories, options),
+    )
 
 
 #: What a CSV can hold: name -> the function that writes its text.

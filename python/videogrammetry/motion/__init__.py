@@ -5,10 +5,12 @@ from videogrammetry.motion.motion import (
     MotionPlan,
     compute_motion,
     constant_set,
+    flag_mask,
     motion_part,
     motion_rows,
     plan_motion,
     trajectory_rows,
+    without_flagged,
 )
 
 __all__ = [
@@ -16,8 +18,10 @@ __all__ = [
     "MotionPlan",
     "compute_motion",
     "constant_set",
+    "flag_mask",
     "motion_part",
     "motion_rows",
     "plan_motion",
     "trajectory_rows",
+    "without_flagged",
 ]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from videogrammetry.types import FloatArray, IntArray, Motion, Trajectories
+from videogrammetry.types import POINT_FLAGS, FloatArray, IntArray, Motion, Trajectories
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,10 +22,48 @@ class MotionOptions:
     centroid_points : numbers of the points whose mean is the centroid; None =
         those measured at every stage, or, where there is none, the set that
         gives most points over most stages.
+    leave_out : names of ``POINT_FLAGS``: a position with one of them takes no part.
     """
 
     reference_stage: int | None = None
     centroid_points: tuple[int, ...] | None = None
+    leave_out: tuple[str, ...] = ()
+
+
+def flag_mask(names: Sequence[str]) -> np.uint8:
+    """The bits of some of the ``POINT_FLAGS``.
+
+    Raises
+    ------
+    ValueError
+        One of the names is none of them.
+
+    Examples
+    --------
+    >>> int(flag_mask(["two_rays", "outside_volume"]))
+    5
+    """
+    unknown = [name for name in names if name not in POINT_FLAGS]
+    if unknown:
+        raise ValueError(f"leave_out: {unknown[0]!r} is none of {', '.join(POINT_FLAGS)}")
+    return np.uint8(sum(1 << POINT_FLAGS.index(name) for name in set(names)))
+
+
+def without_flagged(trajectories: Trajectories, leave_out: Sequence[str]) -> Trajectories:
+    """The trajectories, NaN where a position has one of the flags ``leave_out``."""
+    bad = (trajectories.flags & flag_mask(leave_out)) != 0
+    if not bad.any():
+        return trajectories
+
+    def kept(values: FloatArray) -> FloatArray:
+        return np.where(bad[..., None], np.nan, values)
+
+    return dataclasses.replace(
+        trajectories,
+        position_mm=kept(trajectories.position_mm),
+        cov_mm2=kept(trajectories.cov_mm2),
+        cov_image_mm2=kept(trajectories.cov_image_mm2),
+    )
 
 
 def step(position: FloatArray, cov: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -152,10 +191,12 @@ class MotionPlan:
     ----------
     reference : the trajectories of the reference stage alone, of all points.
     centroid_points : (N,) numbers of the points whose mean is the centroid, ascending.
+    leave_out : flags of positions that take no part.
     """
 
     reference: Trajectories
     centroid_points: IntArray
+    leave_out: tuple[str, ...] = ()
 
 
 def plan_motion(
@@ -179,7 +220,11 @@ def plan_motion(
         columns = constant_set(measured)
     else:
         columns = _columns(reference.point_id, options.centroid_points)
-    return MotionPlan(reference=reference, centroid_points=reference.point_id[columns])
+    return MotionPlan(
+        reference=without_flagged(reference, options.leave_out),
+        centroid_points=reference.point_id[columns],
+        leave_out=options.leave_out,
+    )
 
 
 def motion_part(part: Trajectories, plan: MotionPlan) -> Motion:
@@ -190,6 +235,7 @@ def motion_part(part: Trajectories, plan: MotionPlan) -> Motion:
     stage more at each end, and leave these rows out of the result
     (:func:`motion_rows`).
     """
+    part = without_flagged(part, plan.leave_out)
     stage = int(plan.reference.stage[0])
     of_reference = np.searchsorted(plan.reference.point_id, part.point_id)
     position, cov = part.position_mm, part.cov_image_mm2
@@ -260,7 +306,8 @@ def compute_motion(trajectories: Trajectories, options: MotionOptions | None = N
             "one of these"
         )
     row = int(np.flatnonzero(stage == reference)[0])
-    measured = np.isfinite(trajectories.position_mm[..., 0])
+    kept = without_flagged(trajectories, options.leave_out)
+    measured = np.isfinite(kept.position_mm[..., 0])
     plan = plan_motion(trajectory_rows(trajectories, slice(row, row + 1)), measured, options)
     return motion_part(trajectories, plan)
 

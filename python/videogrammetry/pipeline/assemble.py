@@ -14,6 +14,7 @@ from videogrammetry.motion import (
     MotionOptions,
     MotionPlan,
     constant_set,
+    flag_mask,
     motion_part,
     motion_rows,
     plan_motion,
@@ -22,6 +23,7 @@ from videogrammetry.motion import (
 from videogrammetry.pipeline.chunk_record import ChunkRecord
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
 from videogrammetry.pipeline.numbering import Numbering
+from videogrammetry.pipeline.stability import Stability, StabilityCheck
 from videogrammetry.pipeline.totals import Totals
 from videogrammetry.types import (
     POINT_FLAGS,
@@ -60,7 +62,7 @@ class Linked:
         is not much less likely.
     first, last : (P,) the first and last chunk that has the point.
     stages : (P,) at how many stages it was measured.
-    num_targets : of all stages. totals : what is said of them.
+    num_targets : of all stages. totals : what is said of them. stability : of the cameras.
     """
 
     point_id: IntArray
@@ -71,18 +73,36 @@ class Linked:
     stages: IntArray
     num_targets: int
     totals: Totals
+    stability: Stability | None = None
+
+    def flags(self, record: ChunkRecord) -> npt.NDArray[np.uint8]:
+        """(P,) those of a record's points, with what all stages say of the cameras."""
+        if self.stability is None:
+            return record.flags
+        moved = record.stage[:, None] >= self.stability.unstable_from
+        of_point = np.repeat(moved, record.point_count, axis=0) & record.cameras_used
+        flag = np.uint8(1 << POINT_FLAGS.index("unstable_camera"))
+        return record.flags | np.where(of_point.any(axis=1), flag, np.uint8(0))
 
 
-def link_chunks(store: ChunkStore, chunks: Sequence[Chunk], first_free_id: int) -> Linked:
-    """Numbers for the points of all stages."""
+def link_chunks(
+    store: ChunkStore,
+    chunks: Sequence[Chunk],
+    first_free_id: int,
+    check: StabilityCheck | None = None,
+) -> Linked:
+    """Numbers for the points of all stages, and whether the cameras stood."""
     totals, numbering = Totals(), Numbering(first_free_id)
     num_targets = 0
     for chunk in chunks:
         record = store.get(chunk)
         totals.add(record)
         numbering.add(record)
+        if check is not None:
+            check.add(record)
         num_targets += len(record.code_id)
-    return _linked(numbering.numbers, numbering.unsure, num_targets, totals)
+    stability = None if check is None else check.result()
+    return _linked(numbering.numbers, numbering.unsure, num_targets, totals, stability)
 
 
 def _linked(
@@ -90,6 +110,7 @@ def _linked(
     unsure: list[npt.NDArray[np.bool_]],
     num_targets: int,
     totals: Totals,
+    stability: Stability | None,
 ) -> Linked:
     sizes = [len(numbers) for numbers in of_chunk]
     point_id, column = np.unique(np.concatenate(of_chunk), return_inverse=True)
@@ -99,7 +120,7 @@ def _linked(
     np.minimum.at(first, column, chunk_of)
     np.maximum.at(last, column, chunk_of)
     count = np.bincount(column, minlength=len(point_id)).astype(np.int32)
-    return Linked(point_id, of_chunk, unsure, first, last, count, num_targets, totals)
+    return Linked(point_id, of_chunk, unsure, first, last, count, num_targets, totals, stability)
 
 
 def assemble(
@@ -163,7 +184,7 @@ def plan_of_chunks(
     row = reference - chunks[k][0]
     of_stage = trajectory_rows(part, slice(row, row + 1))
     if options.centroid_points is None:
-        candidates, measured = _measured(store, chunks, linked)
+        candidates, measured = _measured(store, chunks, linked, flag_mask(options.leave_out))
         chosen = candidates[constant_set(measured)]
         options = dataclasses.replace(
             options, centroid_points=tuple(linked.point_id[chosen].tolist())
@@ -172,7 +193,7 @@ def plan_of_chunks(
 
 
 def _measured(
-    store: ChunkStore, chunks: Sequence[Chunk], linked: Linked
+    store: ChunkStore, chunks: Sequence[Chunk], linked: Linked, left_out: np.uint8
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Points that may be the centroid's, and the stages (S, N) at which they were measured."""
     num_stages = chunks[-1][1] - chunks[0][0] + 1
@@ -183,10 +204,12 @@ def _measured(
     measured = np.zeros((num_stages, count), dtype=bool)
     row = 0
     for k, chunk in enumerate(chunks):
-        point_count = store.get(chunk).point_count
+        record = store.get(chunk)
+        point_count = record.point_count
         stage = np.repeat(np.arange(row, row + len(point_count)), point_count)
         column = at[np.searchsorted(linked.point_id, linked.numbers[k])]
-        measured[stage[column >= 0], column[column >= 0]] = True
+        taken = (column >= 0) & (linked.flags(record) & left_out == 0)
+        measured[stage[taken], column[taken]] = True
         row += len(point_count)
     return candidates, measured
 
@@ -226,7 +249,7 @@ class TrajectoryBuilder:
         used[row, column] = record.cameras_used[index]
         flags = np.zeros(shape, dtype=np.uint8)
         unsure = self._linked.unsure[chunk][index] * np.uint8(_AMBIGUOUS)
-        flags[row, column] = record.flags[index] | unsure
+        flags[row, column] = self._linked.flags(record)[index] | unsure
         rate = self._rate
         return Trajectories(
             stage=stage,

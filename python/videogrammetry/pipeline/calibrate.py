@@ -26,7 +26,6 @@ from videogrammetry.errors import CalibrationError, ProjectFileError
 from videogrammetry.pipeline.frames import (
     Progress,
     input_files,
-    not_applied_yet,
     open_cameras,
     recognition_options,
     silent,
@@ -211,7 +210,7 @@ def _with_origin(
     return dataclasses.replace(
         run,
         rig=dataclasses.replace(run.rig, how=how),
-        warnings=(*run.warnings, *not_applied_yet(project)),
+        warnings=run.warnings,
     )
 
 

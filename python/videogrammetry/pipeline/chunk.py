@@ -54,6 +54,16 @@ class CameraTargets:
         """The targets of one stage, by its place in the chunk."""
         return self.targets.select(slice(self.offsets[stage], self.offsets[stage + 1]))
 
+    def rows(self, stages: slice) -> CameraTargets:
+        """The targets of consecutive stages."""
+        first, last, _ = stages.indices(len(self))
+        if (first, last) == (0, len(self)):
+            return self
+        offsets = self.offsets[first : last + 1]
+        return CameraTargets(
+            self.targets.select(slice(offsets[0], offsets[-1])), offsets - offsets[0]
+        )
+
     @cached_property
     def stage(self) -> IntArray:
         """(N,) the stage's place in the chunk of every target."""

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from videogrammetry.calibration.calibrated_volume import CalibratedVolume
 from videogrammetry.matching import MatchingOptions
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
-from videogrammetry.pipeline.chunk_record import ChunkRecord, make_record
+from videogrammetry.pipeline.chunk_record import ChunkRecord, join_records, make_record
 from videogrammetry.project import plain
 from videogrammetry.recognition import (
     CameraModel,
@@ -44,6 +45,7 @@ class ChunkOptions:
     full_every : targets are followed from frame to frame, and every so many frames of a
         chunk the whole frame is searched; 1: always.
     diameter_mm, thickness_mm : of all targets' circles, as in :func:`measure_frames`.
+    later : stages, ascending, from which on the cameras stand otherwise, with the rig then.
     """
 
     recognition: RecognitionOptions
@@ -51,6 +53,7 @@ class ChunkOptions:
     full_every: int = 25
     diameter_mm: float | None = None
     thickness_mm: float = 0.0
+    later: tuple[tuple[int, RigData], ...] = ()
 
 
 class ChunkWorker:
@@ -72,25 +75,42 @@ class ChunkWorker:
         models: Mapping[str, CameraModel | None],
     ) -> None:
         self._sources, self._options, self._models = sources, options, models
-        self._triangulator = Triangulator(rig)
-        self._field = CalibrationField(self._triangulator)
+        triangulators = [Triangulator(r) for r in (rig, *(later for _, later in options.later))]
+        self._rigs = [(t, CalibrationField(t)) for t in triangulators]
         self._volume = CalibratedVolume(rig)
 
     def __call__(self, first: int, last: int) -> ChunkRecord:
         """The stages ``first`` to ``last``, from 1, inclusive."""
         found = [self._recognize(name, first, last) for name in self._sources]
-        options = self._options
-        result = measure_targets(
-            self._triangulator,
-            [CameraTargets(sequence.targets, sequence.offsets) for sequence in found],
-            options.matching,
-            self._field,
-            options.diameter_mm,
-            options.thickness_mm,
+        whole = np.stack(
+            [np.ones(len(f), bool) if f.full is None else f.full for f in found], axis=1
         )
-        whole = [np.ones(len(f), bool) if f.full is None else f.full for f in found]
-        stage = np.arange(first, last + 1, dtype=np.int32)
-        return make_record(result, stage, self._volume, np.stack(whole, axis=1))
+        cameras = [CameraTargets(sequence.targets, sequence.offsets) for sequence in found]
+        options, records = self._options, []
+        for rig, begin, end in self._parts(first, last):
+            triangulator, field = self._rigs[rig]
+            rows = slice(begin - first, end - first + 1)
+            result = measure_targets(
+                triangulator,
+                [camera.rows(rows) for camera in cameras],
+                options.matching,
+                field,
+                options.diameter_mm,
+                options.thickness_mm,
+            )
+            stage = np.arange(begin, end + 1, dtype=np.int32)
+            records.append(make_record(result, stage, self._volume, whole[rows]))
+        return join_records(records)
+
+    def _parts(self, first: int, last: int) -> list[tuple[int, int, int]]:
+        """Number of the rig, first and last of the stages that are measured with it."""
+        begins = [first, *(stage for stage, _ in self._options.later), last + 1]
+        parts = []
+        for rig, (begin, end) in enumerate(pairwise(begins)):
+            begin, end = max(begin, first), min(end - 1, last)
+            if begin <= end:
+                parts.append((rig, begin, end))
+        return parts
 
     def _recognize(self, name: str, first: int, last: int) -> TargetSequence:
         options = self._options

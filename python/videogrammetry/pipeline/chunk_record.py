@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -139,6 +140,26 @@ def make_record(
         without_normal=result.without_normal,
         searched_whole=np.ones(count.shape, bool) if searched_whole is None else searched_whole,
     )
+
+
+def join_records(records: Sequence[ChunkRecord]) -> ChunkRecord:
+    """The record of consecutive stages from those of their parts."""
+    if len(records) == 1:
+        return records[0]
+    values: dict[str, Any] = {
+        name: np.concatenate([getattr(record, name) for record in records])
+        for name in _NAMES
+        if name not in _NUMBERS
+    }
+    values |= {name: sum(getattr(record, name) for record in records) for name in _NUMBERS}
+    before = np.cumsum([0, *(len(record.point_code) for record in records[:-1])])
+    values["target_point"] = np.concatenate(
+        [
+            np.where(record.target_point >= 0, record.target_point + first, -1).astype(np.int32)
+            for record, first in zip(records, before, strict=True)
+        ]
+    )
+    return ChunkRecord(**values)
 
 
 def _of_targets(result: ChunkResult) -> tuple[list[IntArray], list[FloatArray]]:

@@ -43,18 +43,6 @@ def recognition_options(targets: TargetsSection) -> RecognitionOptions:
     )
 
 
-def not_applied_yet(project: Project) -> list[str]:
-    """A warning for every setting of the project that is read but changes nothing yet."""
-    settings = {
-        "[stability] points": project.stability.points is not None,
-    }
-    return [
-        f"{name} is read but not applied yet: the results are as without it"
-        for name, given in settings.items()
-        if given
-    ]
-
-
 def open_cameras(
     project: Project, key: str, specs: Callable[[CameraSection], tuple[str, ...] | None]
 ) -> dict[str, JoinedSource]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,7 +41,6 @@ from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore, FolderStore, 
 from videogrammetry.pipeline.frames import (
     Progress,
     map_bounded,
-    not_applied_yet,
     recognition_options,
     silent,
 )
@@ -54,7 +54,9 @@ from videogrammetry.pipeline.measure_sources import (
     stage_range,
     unreadable_frames,
 )
+from videogrammetry.pipeline.reorient import Reoriented, reorient_in_sequence
 from videogrammetry.pipeline.sinks import ArraySink, StageTable, TeeSink, least_bytes
+from videogrammetry.pipeline.stability import StabilityCheck
 from videogrammetry.pipeline.totals import nothing_measured, refuse_senseless, stage_warnings
 from videogrammetry.project import (
     MeasurementLayout,
@@ -62,11 +64,12 @@ from videogrammetry.project import (
     one_at_a_time,
     open_measurement_writer,
     provenance,
+    read_points,
     read_rig,
 )
 from videogrammetry.recognition import RING_STATUS, CameraModel, RecognitionOptions, code_family
 from videogrammetry.sequence import as_source, check_same_length
-from videogrammetry.types import FrameSource, Measurement, RigData
+from videogrammetry.types import FrameSource, Measurement, PointSet, RigData
 
 Models = Mapping[str, CameraModel | None]
 
@@ -88,6 +91,8 @@ class MeasureJob:
     inputs : files whose hashes the result carries, relative to ``folder``.
     warnings : what is to be said whatever is found.
     frames : how the sequences are opened; empty where they are in memory.
+    static : points that do not move, for the check of the cameras; None: none are known.
+    reoriented : cameras whose pose was found anew, for ``options.later``.
     """
 
     rig: RigData
@@ -100,6 +105,8 @@ class MeasureJob:
     folder: Path | None = None
     warnings: tuple[str, ...] = ()
     frames: Mapping[str, CameraFrames] = field(default_factory=dict)
+    static: PointSet | None = None
+    reoriented: tuple[Reoriented, ...] = ()
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -179,6 +186,7 @@ def measure_project(
     project: Project,
     *,
     rig: RigData | None = None,
+    reorient: Sequence[tuple[str, int | None]] = (),
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> Measurement:
@@ -188,6 +196,8 @@ def measure_project(
     ----------
     project : as ``read_project`` gives it.
     rig : the calibrated cameras; None: rig.json beside the project.
+    reorient : cameras that have moved, and from which stage on (None: the first): their
+        pose from there on is found from the sequence itself, see ``pipeline.reorient``.
     progress : told about the stages done.
     num_threads : chunks at a time; 0 = one a core.
 
@@ -196,13 +206,15 @@ def measure_project(
     ProjectFileError, SequenceError, MeasurementError
         Naming file or picture, and what to do.
     """
-    return _measure_in_memory(job_of(project, rig), progress, num_threads)
+    job = _reoriented(job_of(project, rig), project, reorient)
+    return _measure_in_memory(job, progress, num_threads)
 
 
 def measure_to_file(
     project: Project,
     *,
     rig: RigData | None = None,
+    reorient: Sequence[tuple[str, int | None]] = (),
     progress: Progress = silent,
     num_threads: int = 0,
     skip_unreadable: bool = False,
@@ -213,7 +225,8 @@ def measure_to_file(
     Every chunk of stages that is done is kept in the folder measurement.parts beside the
     project until the file is whole. A measurement that was interrupted goes on
     after the last chunk kept, with the same result, byte for byte; where
-    pictures, rig or options have changed it begins anew.
+    pictures, rig or options have changed it begins anew. ``reorient`` as in
+    :func:`measure_project`.
 
     Parameters
     ----------
@@ -236,6 +249,7 @@ def measure_to_file(
     """
     with one_at_a_time(lock_path(project), "measured"):
         job = job_of(project, rig, skip_unreadable=skip_unreadable)
+        job = _reoriented(job, project, reorient)
         models = learn_models(job.sources, job.options.recognition, job.stages)
         store = FolderStore(project.folder / PARTS_FOLDER, fingerprint_of(job, models))
         return finish_file(project, job, store, models, progress, run or Threads(num_threads))
@@ -264,6 +278,7 @@ def finish_file(
         provenance=_provenance(job, linked),
         warnings=_warnings(job, linked),
         flag_meanings=_MEANINGS,
+        stability=linked.stability.series if linked.stability else None,
     )
     table = StageTable(linked.totals, layout.warnings)
     # Asked beforehand, because HDF5 does not survive a full disk.
@@ -315,6 +330,7 @@ def _measure_in_memory(job: MeasureJob, progress: Progress, num_threads: int) ->
         provenance=_provenance(job, linked),
         warnings=_warnings(job, linked),
         flag_meanings=_MEANINGS,
+        stability=linked.stability.series if linked.stability else None,
     )
 
 
@@ -360,7 +376,8 @@ def _measure_chunks(
                 "--skip-unreadable"
             ) from error
         raise
-    linked = link_chunks(store, chunks, first_free_id(job.options.recognition))
+    check = StabilityCheck([(job.stages[0], job.rig), *job.options.later], job.stages, job.static)
+    linked = link_chunks(store, chunks, first_free_id(job.options.recognition), check)
     refuse_senseless(linked.totals)
     if not len(linked.point_id):
         raise MeasurementError(nothing_measured(linked.totals, job.options.diameter_mm))
@@ -389,6 +406,8 @@ def _provenance(job: MeasureJob, linked: Linked) -> dict[str, Any]:
         "thickness_mm": job.options.thickness_mm,
         "eccentricity": linked.totals.circles(),
         "rig": job.rig.how,
+        "stability": linked.stability.found if linked.stability else (),
+        "reoriented": job.reoriented,
     }
     return provenance(options, job.inputs, job.folder)
 
@@ -398,7 +417,8 @@ def _warnings(job: MeasureJob, linked: Linked) -> tuple[str, ...]:
     empty = {name: (stage[count[:, c] == 0] - 1).tolist() for c, name in enumerate(job.sources)}
     skipped = unreadable_frames(job.sources, empty)
     said = stage_warnings(linked.totals, job.camera_names, job.options.diameter_mm)
-    return (*job.warnings, *skipped, *said)
+    moved = linked.stability.warnings if linked.stability else ()
+    return (*job.warnings, *skipped, *said, *moved)
 
 
 def _image_names(job: MeasureJob) -> tuple[tuple[str, ...], ...]:
@@ -432,12 +452,16 @@ def job_of(
         sources=sources,
         stages=stages,
         options=chunk_options(project),
-        motion=MotionOptions(reference_stage=reference_stage(project, stages)),
+        motion=MotionOptions(
+            reference_stage=reference_stage(project, stages),
+            leave_out=project.motion.leave_out,
+        ),
         frame_rate_hz=rate,
         inputs=tuple(all_inputs(project, sources)),
         folder=project.folder,
         frames=frames,
-        warnings=tuple(warnings + not_applied_yet(project)),
+        warnings=tuple(warnings),
+        static=None if project.stability.points is None else read_points(project.stability.points),
     )
 
 
@@ -452,6 +476,19 @@ def chunk_options(project: Project) -> ChunkOptions:
         diameter_mm=targets.diameter_mm,
         thickness_mm=targets.thickness_mm,
     )
+
+
+def _reoriented(
+    job: MeasureJob, project: Project, reorient: Sequence[tuple[str, int | None]]
+) -> MeasureJob:
+    """The job with the poses of cameras that have moved found anew."""
+    if not reorient:
+        return job
+    rigs, told = reorient_in_sequence(
+        job.rig, job.sources, job.stages, recognition_options(project.targets), job.static, reorient
+    )
+    options = dataclasses.replace(job.options, later=rigs)
+    return dataclasses.replace(job, options=options, reoriented=told)
 
 
 def _check_numbers(diameter_mm: float | None, thickness_mm: float, full_every: int) -> None:

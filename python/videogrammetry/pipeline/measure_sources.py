@@ -224,4 +224,5 @@ def all_inputs(
     """The files that a measurement depends on."""
     files: list[str | os.PathLike[str]] = [*input_files(project, sources)]
     rig_files = (project.rig_path, project.rig_path.with_suffix(".npz"))
-    return [*files, *(path for path in rig_files if path.is_file())]
+    static = [] if project.stability.points is None else [project.stability.points]
+    return [*files, *static, *(path for path in rig_files if path.is_file())]

@@ -37,6 +37,8 @@ def recompute_motion(
     if options.reference_stage is None:
         reference = reference_stage(project, (int(stage[0]), int(stage[-1])))
         options = dataclasses.replace(options, reference_stage=reference)
+    if not options.leave_out:
+        options = dataclasses.replace(options, leave_out=project.motion.leave_out)
     try:
         motion = compute_motion(measurement.trajectories, options)
     except ValueError as error:

@@ -24,6 +24,7 @@ from videogrammetry.project.atomic import atomic_path
 from videogrammetry.types import (
     COV6_ORDER,
     POINT_FLAGS,
+    CameraSeries,
     IntArray,
     Measurement,
     Motion,
@@ -78,6 +79,16 @@ _TARGETS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "ring_status": (("target",), "1"),
 }
 
+_PER_CAMERA = ("look", "camera", "axis")
+# Of CameraSeries: dataset -> (attribute, dimensions, units).
+_STABILITY: Mapping[str, tuple[str, tuple[str, ...], str]] = {
+    "look_stage": ("stage", ("look",), "1"),
+    "camera_turn_rad": ("turn_rad", _PER_CAMERA, "rad"),
+    "camera_turn_sigma_rad": ("sigma_turn_rad", _PER_CAMERA, "rad"),
+    "camera_shift_mm": ("shift_mm", _PER_CAMERA, "mm"),
+    "camera_shift_sigma_mm": ("sigma_shift_mm", _PER_CAMERA, "mm"),
+    "camera_moved_chi2": ("chi2", ("look", "camera"), "1"),
+}
 
 #: Points of a block of the file, and stages: blocks without a measured point take no room.
 _BLOCK = (100, 64)
@@ -91,7 +102,8 @@ class MeasurementLayout:
     ----------
     stage : (S,). point_id : (P,). camera_names : (C,). num_targets : over all stages.
     reference_stage, centroid_points : of the motion.
-    image_name, frame_rate_hz, provenance, warnings, flag_meanings : as in ``Measurement``.
+    image_name, frame_rate_hz, provenance, warnings, flag_meanings, stability : as in
+        ``Measurement``.
     """
 
     stage: IntArray
@@ -105,6 +117,7 @@ class MeasurementLayout:
     provenance: Mapping[str, Any]
     warnings: Sequence[str]
     flag_meanings: Mapping[str, tuple[str, ...]]
+    stability: CameraSeries | None = None
 
 
 class MeasurementWriter:
@@ -125,6 +138,7 @@ class MeasurementWriter:
         for prefix, names in (("", _TRAJECTORIES), ("", _MOTION), ("target_", _TARGETS)):
             for name, (dimensions, units) in names.items():
                 self._create(prefix + name, _DTYPES.get(name, np.float64), dimensions, units)
+        self._write_stability()
         self._explain()
 
     def points(self, row: int, columns: IntArray, part: Trajectories, motion: Motion) -> None:
@@ -194,6 +208,16 @@ class MeasurementWriter:
         names = np.array(layout.image_name, dtype=object)
         _attach(file, file.create_dataset("image_name", data=names, dtype=text), _FRAME)
 
+    def _write_stability(self) -> None:
+        series = self._layout.stability
+        if series is None:
+            return
+        look = np.arange(len(series.stage), dtype=np.int32)
+        self._file.create_dataset("look", data=look).make_scale("look")
+        for name, (attribute, dimensions, units) in _STABILITY.items():
+            _write(self._file, name, getattr(series, attribute), dimensions, units)
+        self._file["camera_moved_chi2"].attrs["critical"] = series.critical_chi2
+
     def _explain(self) -> None:
         for name, meanings in self._layout.flag_meanings.items():
             attributes = self._file["target_" + name].attrs  # CF conventions, section 3.5
@@ -244,6 +268,7 @@ def write_measurement(path: str | os.PathLike[str], measurement: Measurement) ->
         provenance=measurement.provenance,
         warnings=measurement.warnings,
         flag_meanings=measurement.flag_meanings,
+        stability=measurement.stability,
     )
     with open_measurement_writer(path, layout) as writer:
         writer.points(0, np.arange(len(table.point_id), dtype=np.int32), table, motion)
@@ -290,6 +315,15 @@ def read_measurement(path: str | os.PathLike[str]) -> Measurement:
         ) from error
 
 
+def _stability(file: h5py.File) -> CameraSeries | None:
+    if "camera_moved_chi2" not in file:
+        return None
+    return CameraSeries(
+        critical_chi2=float(file["camera_moved_chi2"].attrs["critical"]),
+        **{attribute: file[name][()] for name, (attribute, _, _) in _STABILITY.items()},
+    )
+
+
 def _check(file: h5py.File, path: Path) -> None:
     if file.attrs.get("kind") != _KIND:
         raise ProjectFileError(
@@ -327,6 +361,7 @@ def _read(file: h5py.File) -> Measurement:
         targets=TargetRecords(**{name: file["target_" + name][()] for name in _TARGETS}),
         image_name=tuple(tuple(row) for row in strings("image_name")),
         frame_rate_hz=None if rate is None else float(rate),
+        stability=_stability(file),
         provenance=json.loads(file.attrs["provenance"]),
         warnings=tuple(json.loads(file.attrs["warnings"])),
         flag_meanings={

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from videogrammetry.project.toml_table import TomlTable, nearest
 from videogrammetry.project.verify_section import VerifySection, verify_section
-from videogrammetry.types import INTERIOR_NAMES
+from videogrammetry.types import INTERIOR_NAMES, POINT_FLAGS
 
 #: The version of the file's layout that this program writes and reads.
 SCHEMA = 1
@@ -162,10 +162,12 @@ class MotionSection:
     """``[motion]``: the stage that displacements refer to, and the smoothing filter.
 
     ``filter_window`` (stages, odd) and ``filter_order`` are for savitzky-golay,
-    ``filter_order`` and ``filter_cutoff_hz`` for butterworth.
+    ``filter_order`` and ``filter_cutoff_hz`` for butterworth. Positions with a flag of
+    ``leave_out`` (names of ``types.POINT_FLAGS``) take no part in the motion.
     """
 
     reference_stage: int = 1
+    leave_out: tuple[str, ...] = ()
     filter: str = "none"
     filter_window: int = 5
     filter_order: int = 2
@@ -464,12 +466,16 @@ def _motion(table: TomlTable) -> MotionSection:
     default = MotionSection()
     section = MotionSection(
         reference_stage=table.integer("reference_stage", default.reference_stage, minimum=1),
+        leave_out=table.strings("leave_out", (), empty=True),
         filter=table.choice("filter", FILTERS, default.filter),
         filter_window=table.integer("filter_window", default.filter_window, minimum=3),
         filter_order=table.integer("filter_order", default.filter_order, minimum=1),
         filter_cutoff_hz=table.number("filter_cutoff_hz", None, above=0),
     )
     table.finish()
+    for word in section.leave_out:
+        if word not in POINT_FLAGS:
+            raise table.error("leave_out", f"has {word!r}: expected {', '.join(POINT_FLAGS)}")
     if section.filter_window % 2 == 0 or section.filter_window <= section.filter_order:
         raise table.error(
             "filter_window", "must be odd and larger than filter_order, so that it has a middle"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import tifffile
 from calibration_fakes import fake_run
@@ -16,6 +18,7 @@ from measurement_fakes import fake_measurement
 
 from videogrammetry.cli.calibrate import summary
 from videogrammetry.project import read_rig, write_measurement, write_rig
+from videogrammetry.types import POINT_FLAGS
 
 VERBS = (
     "demo",
@@ -206,6 +209,29 @@ def test_an_exported_table_carries_its_provenance(run: Run, project: Path) -> No
     message = complaint(run("export", "project.toml", "m.csv", status=1), "export")
     assert "m.csv.provenance.json is there already" in message
     run("export", "project.toml", "m.csv", "--force")
+
+
+def test_an_export_without_flagged_positions(run: Run, project: Path) -> None:
+    measurement = fake_measurement()
+    table = measurement.trajectories
+    flags = np.zeros(table.flags.shape, np.uint8)
+    flags[3, 0] = 1 << POINT_FLAGS.index("unstable_camera")
+    table = dataclasses.replace(table, flags=flags)
+    write_measurement(
+        project / "measurement.h5", dataclasses.replace(measurement, trajectories=table)
+    )
+    run("export", "project.toml", "all.csv")
+    run("export", "project.toml", "some.csv", "--leave-out", "unstable_camera", "ambiguous")
+    everything = (project / "all.csv").read_text().splitlines()
+    some = (project / "some.csv").read_text().splitlines()
+    (gone,) = set(everything) - set(some)
+    assert gone.startswith("4,")
+    assert ",3," in gone
+    origin = json.loads((project / "some.csv.provenance.json").read_text())
+    assert origin["options"]["leave_out"] == ["unstable_camera", "ambiguous"]
+    done = run("export", "project.toml", "t.csv", "--what", "targets", "--leave-out", "two_rays",
+               status=2)  # fmt: skip
+    assert "--leave-out goes with positions" in done.stderr
 
 
 def test_export_of_nothing(run: Run, project: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -119,3 +121,19 @@ def test_without_a_frame_rate_there_is_no_velocity():
     motion = compute_motion(without)
     assert np.isnan(motion.velocity_mm_s).all()
     assert np.isfinite(motion.displacement_mm).all()
+
+
+def test_flagged_positions_take_no_part() -> None:
+    table = trajectories(falling())
+    flags = np.zeros((20, 5), np.uint8)
+    flags[7, 2] = 2 + 4  # large_residual, outside_volume
+    flags[9, 3] = 1  # two_rays: not asked for
+    table = dataclasses.replace(table, flags=flags)
+    motion = compute_motion(table, MotionOptions(leave_out=("outside_volume", "large_residual")))
+    assert np.isnan(motion.displacement_mm[7, 2]).all()
+    assert np.isnan(motion.velocity_mm_s[[6, 8], 2]).all()
+    assert np.isfinite(motion.displacement_mm[9, 3]).all()
+    assert motion.centroid_points.tolist() == [1, 2, 4, 5]
+    assert np.isfinite(table.position_mm).all()
+    with pytest.raises(ValueError, match="leave_out: 'odd' is none of two_rays"):
+        compute_motion(table, MotionOptions(leave_out=("odd",)))

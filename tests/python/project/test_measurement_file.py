@@ -12,6 +12,7 @@ from measurement_fakes import fake_measurement
 
 from videogrammetry.errors import ProjectFileError
 from videogrammetry.project import read_measurement, write_measurement
+from videogrammetry.types import CameraSeries
 
 
 @pytest.fixture
@@ -73,3 +74,22 @@ def test_damage_is_named(measurement, tmp_path):
         file.attrs["schema"] = 99
     with pytest.raises(ProjectFileError, match="schema 99 is newer"):
         read_measurement(path)
+
+
+def test_the_cameras_series_come_back(measurement, tmp_path):
+    rng = np.random.default_rng(3)
+    series = CameraSeries(
+        stage=np.array([1, 3], np.int32),
+        **{
+            name: rng.normal(size=(2, 3, 3))
+            for name in ("turn_rad", "shift_mm", "sigma_turn_rad", "sigma_shift_mm")
+        },
+        chi2=rng.uniform(size=(2, 3)),
+        critical_chi2=45.0,
+    )
+    measurement = dataclasses.replace(measurement, stability=series)
+    write_measurement(tmp_path / "m.h5", measurement)
+    assert_same(measurement, read_measurement(tmp_path / "m.h5"))
+    with xarray.open_dataset(tmp_path / "m.h5") as data:
+        assert data["camera_turn_rad"].dims == ("look", "camera", "axis")
+        assert data["camera_moved_chi2"].attrs["critical"] == 45.0

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
+#include <span>
 
 namespace videogrammetry {
 namespace {
@@ -13,51 +13,70 @@ constexpr double kNegligible = -5.3;
 // Larger groups have too many sets in any case; a limit beyond the second asks for them.
 constexpr std::size_t kMostSummed = 30;
 constexpr int kAlwaysSummed = 100000;
-constexpr double kDamping = 0.3;
 constexpr double kConverged = 1e-4;
+constexpr double kMostExponent = 690.0, kLeastMessage = 1e-300;
 
-// Targets of all cameras numbered through, and the candidates at each.
+// Targets of all cameras numbered through, and the candidates at each that count.
 class Claims {
  public:
   Claims(const std::vector<std::size_t>& num_targets, const std::vector<Candidate>& candidates)
       : offset_(num_targets.size() + 1, 0), candidates_(candidates) {
-    for (std::size_t c = 0; c < num_targets.size(); ++c) {
-      offset_[c + 1] = offset_[c] + num_targets[c];
-    }
-    at_.resize(offset_.back());
-    for (std::size_t k = 0; k < candidates.size(); ++k) {
-      if (!(candidates[k].score > kNegligible)) continue;
-      for (const ViewTarget& s : candidates[k].used) at_[Number(s)].push_back(k);
-    }
+    std::partial_sum(num_targets.begin(), num_targets.end(), offset_.begin() + 1);
+    start_.assign(offset_.back() + 2, 0);
+    ForEdges([&](std::size_t, std::size_t t) { ++start_[t + 2]; });
+    std::partial_sum(start_.begin(), start_.end(), start_.begin());
+    at_.resize(start_.back());
+    // Each beginning moves on to the next one's as it is filled.
+    ForEdges([&](std::size_t k, std::size_t t) { at_[start_[t + 1]++] = k; });
   }
+  std::size_t size() const { return offset_.back(); }
   std::size_t Number(const ViewTarget& s) const {
     return offset_[static_cast<std::size_t>(s.camera)] + static_cast<std::size_t>(s.target);
   }
-  const std::vector<std::size_t>& At(const ViewTarget& s) const { return at_[Number(s)]; }
+  std::span<const std::size_t> At(const ViewTarget& s) const { return At(Number(s)); }
+  std::span<const std::size_t> At(std::size_t t) const {
+    return std::span(at_).subspan(start_[t], start_[t + 1] - start_[t]);
+  }
 
-  // Groups of candidates linked by targets.
+  // Groups of candidates linked by targets, ascending.
   std::vector<std::vector<std::size_t>> Groups() const {
-    std::vector<std::size_t> root(candidates_.size());
+    std::vector<std::size_t> root(candidates_.size()), group_of(candidates_.size(), kNone);
     std::iota(root.begin(), root.end(), 0);
     const auto find = [&](std::size_t k) {
       while (root[k] != k) k = root[k] = root[root[k]];
       return k;
     };
-    for (const auto& at : at_) {
+    for (std::size_t t = 0; t < size(); ++t) {
+      const auto at = At(t);
       for (std::size_t i = 1; i < at.size(); ++i) root[find(at[i])] = find(at[0]);
     }
-    std::vector<std::vector<std::size_t>> groups(candidates_.size());
+    std::vector<std::vector<std::size_t>> groups;
     for (std::size_t k = 0; k < candidates_.size(); ++k) {
-      if (candidates_[k].score > kNegligible) groups[find(k)].push_back(k);
+      if (!(candidates_[k].score > kNegligible)) continue;
+      std::size_t& own = group_of[find(k)];
+      if (own == kNone) {
+        own = groups.size();
+        groups.emplace_back();
+      }
+      groups[own].push_back(k);
     }
-    std::erase_if(groups, [](const auto& g) { return g.empty(); });
     return groups;
   }
 
  private:
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+  template <typename Function>
+  void ForEdges(Function f) const {
+    for (std::size_t k = 0; k < candidates_.size(); ++k) {
+      if (!(candidates_[k].score > kNegligible)) continue;
+      for (const ViewTarget& s : candidates_[k].used) f(k, Number(s));
+    }
+  }
+
   std::vector<std::size_t> offset_;
   const std::vector<Candidate>& candidates_;
-  std::vector<std::vector<std::size_t>> at_;
+  std::vector<std::size_t> start_, at_;
 };
 
 // Sums over all compatible sets of one group.
@@ -124,90 +143,115 @@ class Enumeration {
   double total_ = 0.0, scale_ = 0.0;
 };
 
-// Sum of exp(log_m - most) over a target's edges without one of them.
-double RestWithout(std::size_t e, const std::vector<double>& log_m,
-                   const std::vector<std::size_t>& edges, double most) {
-  double rest = 0;
-  for (const std::size_t other : edges) {
-    if (other != e) rest += std::exp(log_m[other] - most);
+// Belief propagation among the candidates of a list that is closed under sharing targets.
+//
+// Nothing overflows: a candidate's weight is exp(s - sum of h_t over its targets) and "none"
+// at a target weighs exp(-h_t) instead of 1, which changes no probability; h_t is the largest
+// share s / n of a candidate at t. "None" weighs as much as the largest sets' odds need to
+// stay numbers, at least.
+class Propagation {
+ public:
+  Propagation(const std::vector<std::size_t>& list, const Claims& claims,
+              std::vector<Candidate>* candidates)
+      : list_(list), candidates_(*candidates), none_(claims.size(), 0.0) {
+    first_.push_back(0);
+    for (const std::size_t k : list) {
+      const Candidate& c = candidates_[k];
+      const double share = c.score / static_cast<double>(c.size());
+      for (const ViewTarget& s : c.used) {
+        place_.push_back(claims.Number(s));
+        none_[place_.back()] = std::max(none_[place_.back()], share);
+      }
+      first_.push_back(place_.size());
+    }
+    for (std::size_t i = 0; i < list.size(); ++i) {
+      double log_weight = candidates_[list[i]].score;
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) log_weight -= none_[place_[e]];
+      weight_.push_back(std::exp(log_weight));
+    }
+    std::size_t largest = 1;
+    for (const std::size_t k : list) largest = std::max(largest, candidates_[k].size());
+    n_.reserve(place_.size());
+    for (double& h : none_) h = std::exp(-std::min(h, kMostExponent / static_cast<double>(largest)));
+    for (const std::size_t t : place_) n_.push_back(1 / none_[t]);
+    m_.resize(place_.size());
+    most_.resize(none_.size());
+    rest_.resize(none_.size());
   }
-  return rest;
-}
 
-void Propagate(const std::vector<std::size_t>& group, const Claims& claims, int max_iterations,
-               std::vector<Candidate>* candidates) {
-  // Edges: a candidate and one of its targets.
-  std::vector<std::size_t> first(group.size() + 1, 0), number;
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    for (const ViewTarget& s : (*candidates)[group[i]].used) number.push_back(claims.Number(s));
-    first[i + 1] = number.size();
-  }
-  std::vector<std::size_t> places = number;
-  std::sort(places.begin(), places.end());
-  places.erase(std::unique(places.begin(), places.end()), places.end());
-  for (std::size_t& n : number) {
-    n = static_cast<std::size_t>(std::lower_bound(places.begin(), places.end(), n) -
-                                 places.begin());
-  }
-  std::vector<std::vector<std::size_t>> edges_at(places.size());
-  for (std::size_t e = 0; e < number.size(); ++e) edges_at[number[e]].push_back(e);
-  std::vector<double> log_n(number.size(), 0.0), log_m(number.size());
-  std::vector<double> most(places.size()), sum(places.size());
-  for (int iteration = 0; iteration < max_iterations; ++iteration) {
-    for (std::size_t i = 0; i < group.size(); ++i) {
-      double all = (*candidates)[group[i]].score;
-      for (std::size_t e = first[i]; e < first[i + 1]; ++e) all += log_n[e];
-      for (std::size_t e = first[i]; e < first[i + 1]; ++e) log_m[e] = all - log_n[e];
+  void Run(int max_iterations) {
+    for (int i = 0; i < max_iterations; ++i) {
+      if (Step() < kConverged) break;
     }
-    std::fill(most.begin(), most.end(), 0.0);
-    std::fill(sum.begin(), sum.end(), 0.0);
-    for (std::size_t e = 0; e < number.size(); ++e) {
-      most[number[e]] = std::max(most[number[e]], log_m[e]);
+    for (std::size_t i = 0; i < list_.size(); ++i) {
+      double odds = weight_[i];
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) odds *= n_[e];
+      candidates_[list_[i]].probability = 1 / (1 + 1 / odds);
     }
-    for (std::size_t e = 0; e < number.size(); ++e) {
-      sum[number[e]] += std::exp(log_m[e] - most[number[e]]);
+  }
+
+ private:
+  // The largest relative change of a message.
+  double Step() {
+    std::fill(most_.begin(), most_.end(), 0.0);
+    std::fill(rest_.begin(), rest_.end(), 0.0);
+    for (std::size_t i = 0; i < list_.size(); ++i) {
+      double all = weight_[i];
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) all *= n_[e];
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) {
+        const double m = all / n_[e];
+        double& most = most_[place_[e]];
+        m_[e] = m;
+        rest_[place_[e]] += std::min(m, most);
+        most = std::max(m, most);
+      }
     }
     double change = 0;
-    for (std::size_t e = 0; e < number.size(); ++e) {
-      const std::size_t t = number[e];
-      // 1 + the sum without this one, which may be nearly all of it.
-      const double own = std::exp(log_m[e] - most[t]);
-      const double rest =
-          own > 0.5 * sum[t] ? RestWithout(e, log_m, edges_at[t], most[t]) : sum[t] - own;
-      const double log_rest = std::log(std::exp(-most[t]) + rest) + most[t];
-      const double fresh = -std::max(log_rest, 0.0);
-      const double next = (1 - kDamping) * fresh + kDamping * log_n[e];
-      change = std::max(change, std::abs(next - log_n[e]));
-      log_n[e] = next;
+    for (std::size_t e = 0; e < place_.size(); ++e) {
+      const std::size_t t = place_[e];
+      // Without the own one, which may be nearly all of it.
+      const double others = m_[e] == most_[t] ? rest_[t] : (rest_[t] - m_[e]) + most_[t];
+      const double fresh = 1 / (none_[t] + std::max(others, 0.0));
+      // A quarter of the old one, geometrically.
+      const double next = std::max(std::sqrt(fresh * std::sqrt(fresh * n_[e])), kLeastMessage);
+      change = std::max(change, std::abs(next - n_[e]) / n_[e]);
+      n_[e] = next;
     }
-    if (change < kConverged) break;
+    return change;
   }
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    double odds = (*candidates)[group[i]].score;
-    for (std::size_t e = first[i]; e < first[i + 1]; ++e) odds += log_n[e];
-    (*candidates)[group[i]].probability = 1 / (1 + std::exp(-odds));
-  }
-}
+
+  const std::vector<std::size_t>& list_;
+  std::vector<Candidate>& candidates_;
+  std::vector<std::size_t> first_, place_;  // edges: a candidate and one of its targets
+  std::vector<double> weight_, none_, n_, m_, most_, rest_;
+};
 
 }  // namespace
 
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
                       std::vector<Candidate>* candidates, int exact_limit, int max_iterations) {
   const Claims claims(num_targets, *candidates);
+  std::vector<std::size_t> rest;
   for (Candidate& c : *candidates) c.probability = 0;
-  for (const auto& group : claims.Groups()) {
-    if (group.size() == 1) {
-      Candidate& alone = (*candidates)[group[0]];
-      alone.probability = 1 / (1 + std::exp(-alone.score));
-      continue;
+  if (exact_limit <= 0) {
+    for (std::size_t k = 0; k < candidates->size(); ++k) {
+      if ((*candidates)[k].score > kNegligible) rest.push_back(k);
     }
-    const bool small = group.size() <= kMostSummed || exact_limit > kAlwaysSummed;
-    if (exact_limit > 0 && small &&
-        Enumeration(group, claims, *candidates, exact_limit).Run(group, candidates)) {
-      continue;
+  } else {
+    for (const auto& group : claims.Groups()) {
+      if (group.size() == 1) {
+        Candidate& alone = (*candidates)[group[0]];
+        alone.probability = 1 / (1 + std::exp(-alone.score));
+        continue;
+      }
+      const bool small = group.size() <= kMostSummed || exact_limit > kAlwaysSummed;
+      if (small && Enumeration(group, claims, *candidates, exact_limit).Run(group, candidates)) {
+        continue;
+      }
+      rest.insert(rest.end(), group.begin(), group.end());
     }
-    Propagate(group, claims, max_iterations, candidates);
   }
+  Propagation(rest, claims, candidates).Run(max_iterations);
 }
 
 std::vector<double> ProbabilitiesOfOnePoint(const std::vector<std::size_t>& num_targets,

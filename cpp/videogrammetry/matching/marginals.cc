@@ -13,8 +13,9 @@ constexpr double kNegligible = -5.3;
 // Larger groups have too many sets in any case; a limit beyond the second asks for them.
 constexpr std::size_t kMostSummed = 30;
 constexpr int kAlwaysSummed = 100000;
+constexpr double kDamping = 0.3;  // of logarithms
 constexpr double kConverged = 1e-4;
-constexpr double kMostExponent = 690.0, kLeastMessage = 1e-300;
+constexpr double kMostExponent = 650.0, kLeastMessage = 1e-300;
 
 // Targets of all cameras numbered through, and the candidates at each that count.
 class Claims {
@@ -144,39 +145,19 @@ class Enumeration {
 };
 
 // Belief propagation among the candidates of a list that is closed under sharing targets.
-//
-// Nothing overflows: a candidate's weight is exp(s - sum of h_t over its targets) and "none"
-// at a target weighs exp(-h_t) instead of 1, which changes no probability; h_t is the largest
-// share s / n of a candidate at t. "None" weighs as much as the largest sets' odds need to
-// stay numbers, at least.
 class Propagation {
  public:
   Propagation(const std::vector<std::size_t>& list, const Claims& claims,
               std::vector<Candidate>* candidates)
-      : list_(list), candidates_(*candidates), none_(claims.size(), 0.0) {
+      : list_(list), candidates_(*candidates), most_(claims.size()), rest_(claims.size()) {
     first_.push_back(0);
     for (const std::size_t k : list) {
-      const Candidate& c = candidates_[k];
-      const double share = c.score / static_cast<double>(c.size());
-      for (const ViewTarget& s : c.used) {
-        place_.push_back(claims.Number(s));
-        none_[place_.back()] = std::max(none_[place_.back()], share);
-      }
+      weight_.push_back(std::exp(candidates_[k].score));
+      for (const ViewTarget& s : candidates_[k].used) place_.push_back(claims.Number(s));
       first_.push_back(place_.size());
     }
-    for (std::size_t i = 0; i < list.size(); ++i) {
-      double log_weight = candidates_[list[i]].score;
-      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) log_weight -= none_[place_[e]];
-      weight_.push_back(std::exp(log_weight));
-    }
-    std::size_t largest = 1;
-    for (const std::size_t k : list) largest = std::max(largest, candidates_[k].size());
-    n_.reserve(place_.size());
-    for (double& h : none_) h = std::exp(-std::min(h, kMostExponent / static_cast<double>(largest)));
-    for (const std::size_t t : place_) n_.push_back(1 / none_[t]);
+    n_.assign(place_.size(), 1.0);
     m_.resize(place_.size());
-    most_.resize(none_.size());
-    rest_.resize(none_.size());
   }
 
   void Run(int max_iterations) {
@@ -211,7 +192,7 @@ class Propagation {
       const std::size_t t = place_[e];
       // Without the own one, which may be nearly all of it.
       const double others = m_[e] == most_[t] ? rest_[t] : (rest_[t] - m_[e]) + most_[t];
-      const double fresh = 1 / (none_[t] + std::max(others, 0.0));
+      const double fresh = 1 / (1 + std::max(others, 0.0));
       // A quarter of the old one, geometrically.
       const double next = std::max(std::sqrt(fresh * std::sqrt(fresh * n_[e])), kLeastMessage);
       change = std::max(change, std::abs(next - n_[e]) / n_[e]);
@@ -223,8 +204,74 @@ class Propagation {
   const std::vector<std::size_t>& list_;
   std::vector<Candidate>& candidates_;
   std::vector<std::size_t> first_, place_;  // edges: a candidate and one of its targets
-  std::vector<double> weight_, none_, n_, m_, most_, rest_;
+  std::vector<double> weight_, n_, m_, most_, rest_;
 };
+
+// Sum of exp(log_m - most) over a target's edges without one of them.
+double RestWithout(std::size_t e, const std::vector<double>& log_m,
+                   const std::vector<std::size_t>& edges, double most) {
+  double rest = 0;
+  for (const std::size_t other : edges) {
+    if (other != e) rest += std::exp(log_m[other] - most);
+  }
+  return rest;
+}
+
+// The same for scores beyond the exponential's range.
+void PropagateLogarithms(const std::vector<std::size_t>& group, const Claims& claims, int max_iterations,
+               std::vector<Candidate>* candidates) {
+  // Edges: a candidate and one of its targets.
+  std::vector<std::size_t> first(group.size() + 1, 0), number;
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    for (const ViewTarget& s : (*candidates)[group[i]].used) number.push_back(claims.Number(s));
+    first[i + 1] = number.size();
+  }
+  std::vector<std::size_t> places = number;
+  std::sort(places.begin(), places.end());
+  places.erase(std::unique(places.begin(), places.end()), places.end());
+  for (std::size_t& n : number) {
+    n = static_cast<std::size_t>(std::lower_bound(places.begin(), places.end(), n) -
+                                 places.begin());
+  }
+  std::vector<std::vector<std::size_t>> edges_at(places.size());
+  for (std::size_t e = 0; e < number.size(); ++e) edges_at[number[e]].push_back(e);
+  std::vector<double> log_n(number.size(), 0.0), log_m(number.size());
+  std::vector<double> most(places.size()), sum(places.size());
+  for (int iteration = 0; iteration < max_iterations; ++iteration) {
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      double all = (*candidates)[group[i]].score;
+      for (std::size_t e = first[i]; e < first[i + 1]; ++e) all += log_n[e];
+      for (std::size_t e = first[i]; e < first[i + 1]; ++e) log_m[e] = all - log_n[e];
+    }
+    std::fill(most.begin(), most.end(), 0.0);
+    std::fill(sum.begin(), sum.end(), 0.0);
+    for (std::size_t e = 0; e < number.size(); ++e) {
+      most[number[e]] = std::max(most[number[e]], log_m[e]);
+    }
+    for (std::size_t e = 0; e < number.size(); ++e) {
+      sum[number[e]] += std::exp(log_m[e] - most[number[e]]);
+    }
+    double change = 0;
+    for (std::size_t e = 0; e < number.size(); ++e) {
+      const std::size_t t = number[e];
+      // 1 + the sum without this one, which may be nearly all of it.
+      const double own = std::exp(log_m[e] - most[t]);
+      const double rest =
+          own > 0.5 * sum[t] ? RestWithout(e, log_m, edges_at[t], most[t]) : sum[t] - own;
+      const double log_rest = std::log(std::exp(-most[t]) + rest) + most[t];
+      const double fresh = -std::max(log_rest, 0.0);
+      const double next = (1 - kDamping) * fresh + kDamping * log_n[e];
+      change = std::max(change, std::abs(next - log_n[e]));
+      log_n[e] = next;
+    }
+    if (change < kConverged) break;
+  }
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    double odds = (*candidates)[group[i]].score;
+    for (std::size_t e = first[i]; e < first[i + 1]; ++e) odds += log_n[e];
+    (*candidates)[group[i]].probability = 1 / (1 + std::exp(-odds));
+  }
+}
 
 }  // namespace
 
@@ -251,7 +298,12 @@ void SetProbabilities(const std::vector<std::size_t>& num_targets,
       rest.insert(rest.end(), group.begin(), group.end());
     }
   }
-  Propagation(rest, claims, candidates).Run(max_iterations);
+  if (std::any_of(rest.begin(), rest.end(),
+                  [&](std::size_t k) { return (*candidates)[k].score > kMostExponent; })) {
+    PropagateLogarithms(rest, claims, max_iterations, candidates);
+  } else {
+    Propagation(rest, claims, candidates).Run(max_iterations);
+  }
 }
 
 std::vector<double> ProbabilitiesOfOnePoint(const std::vector<std::size_t>& num_targets,

@@ -21,14 +21,13 @@ from pathlib import Path
 import numpy as np
 import panel
 
-from videogrammetry.geometry import project_from_world
+from videogrammetry.geometry import fit_rigid, project_from_world
 from videogrammetry.matching import TARGET_STATUS, match_stage
 from videogrammetry.pipeline import calibrate_project
 from videogrammetry.project import read_points, read_project
 from videogrammetry.recognition import RecognitionOptions, recognize
 from videogrammetry.reconstruction import CalibrationField, Rig, Triangulator
 from videogrammetry.sequence import open_sequence
-from videogrammetry.tracking.link import fit_rigid
 
 STAGES = (7, 11, 15, 19, 23)
 OWN_PX = 4.0

@@ -99,9 +99,9 @@ double StageStatistics::Score(const Candidate& candidate) const {
 }
 
 CandidateMaker::CandidateMaker(const std::vector<CameraView>& cameras,
-                                 const std::vector<TargetView>& targets,
-                                 std::span<const CameraTargets> data,
-                                 const MatchingOptions& options, const MatchEdits& edits)
+                               const std::vector<TargetView>& targets,
+                               std::span<const CameraTargets> data, const MatchingOptions& options,
+                               const MatchEdits& edits)
     : cameras_(cameras), targets_(targets), data_(data), options_(options) {
   for (const auto& [a, b] : edits.apart) apart_.insert(SetKey(a, b));
   chi2_limit_.resize(2 * std::max<std::size_t>(cameras.size(), 2));

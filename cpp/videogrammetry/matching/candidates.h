@@ -75,8 +75,7 @@ class CandidateMaker {
   void Look(Candidate* candidate) const;
 
   /// Adds to a candidate the free targets that are surely its own.
-  void Grow(const FreeTargets& free, const StageStatistics& statistics,
-            Candidate* candidate) const;
+  void Grow(const FreeTargets& free, const StageStatistics& statistics, Candidate* candidate) const;
 
   /// Replaces `near` by the free targets of camera c about xy, the picture of a point with
   /// the derivatives `by` and the covariance `cov_mm2`; nearest first.
@@ -100,9 +99,9 @@ class CandidateMaker {
   std::span<const CameraTargets> data_;
   const MatchingOptions& options_;
   std::unordered_set<std::uint64_t> apart_;
-  std::vector<double> chi2_limit_;          // by degrees of freedom
-  std::vector<double> usual_reach_;         // a camera, normalised: of all but the large ones
-  std::vector<std::vector<int>> large_;     // a camera: targets that cover more than that
+  std::vector<double> chi2_limit_;       // by degrees of freedom
+  std::vector<double> usual_reach_;      // a camera, normalised: of all but the large ones
+  std::vector<std::vector<int>> large_;  // a camera: targets that cover more than that
 };
 
 /// Of a set of targets; does not depend on their order.

@@ -218,8 +218,8 @@ double RestWithout(std::size_t e, const std::vector<double>& log_m,
 }
 
 // The same for scores beyond the exponential's range.
-void PropagateLogarithms(const std::vector<std::size_t>& group, const Claims& claims, int max_iterations,
-               std::vector<Candidate>* candidates) {
+void PropagateLogarithms(const std::vector<std::size_t>& group, const Claims& claims,
+                         int max_iterations, std::vector<Candidate>* candidates) {
   // Edges: a candidate and one of its targets.
   std::vector<std::size_t> first(group.size() + 1, 0), number;
   for (std::size_t i = 0; i < group.size(); ++i) {

@@ -53,10 +53,10 @@ bool RaysMeet(const TargetView& a, std::size_t i, const TargetView& b, std::size
               double gate2) {
   const Eigen::Vector3d u = a.direction(i), v = b.direction(j);
   const Eigen::Vector3d between = b.origin(j) - a.origin(i), across = u.cross(v);
-  const Eigen::Vector2d by_a = a.direction_by_xy(i).transpose() * v.cross(between) -
-                               a.origin_by_xy(i).transpose() * across;
-  const Eigen::Vector2d by_b = b.direction_by_xy(j).transpose() * between.cross(u) +
-                               b.origin_by_xy(j).transpose() * across;
+  const Eigen::Vector2d by_a =
+      a.direction_by_xy(i).transpose() * v.cross(between) - a.origin_by_xy(i).transpose() * across;
+  const Eigen::Vector2d by_b =
+      b.direction_by_xy(j).transpose() * between.cross(u) + b.origin_by_xy(j).transpose() * across;
   const double miss = between.dot(across);
   return miss * miss <= gate2 * (by_a.dot(a.cov(i) * by_a) + by_b.dot(b.cov(j) * by_b));
 }
@@ -135,13 +135,12 @@ void PairFinder::AlongLine(const CameraPair& pair, std::size_t i, const FreeTarg
   double most = 0;
   for (const double t : {-1.0, 1.0}) {
     const Eigen::Vector2d end = foot + t * std::min(half, 2.0) * along;
-    most = std::max(most, (pair.essential.leftCols<2>().transpose() *
-                           Eigen::Vector3d(end.x(), end.y(), 1))
-                              .norm());
+    most = std::max(
+        most,
+        (pair.essential.leftCols<2>().transpose() * Eigen::Vector3d(end.x(), end.y(), 1)).norm());
   }
   const double sigma_a = std::sqrt(own.cov(i).diagonal().maxCoeff());
-  const double reach = critical_value_ * std::hypot(sigma_a * most / norm,
-                                                    1.5 * other.max_sigma());
+  const double reach = critical_value_ * std::hypot(sigma_a * most / norm, 1.5 * other.max_sigma());
   other.ForSegment(foot - half * along, foot + half * along, reach, [&](std::size_t j) {
     // The cheapest test first: most targets of the cells are far from the line.
     const Eigen::Vector2d& xy = other.xy(j);
@@ -176,14 +175,12 @@ void PairFinder::AlongCurve(const CameraPair& pair, std::size_t i, const FreeTar
     bend = std::max(bend, std::abs(cross) / std::max(first.norm() + last.norm(), 1e-12));
   }
   const double sigma_a = std::sqrt(own.cov(i).diagonal().maxCoeff());
-  const double reach =
-      critical_value_ * std::hypot(1.5 * sigma_a, 1.5 * other.max_sigma()) + bend;
+  const double reach = critical_value_ * std::hypot(1.5 * sigma_a, 1.5 * other.max_sigma()) + bend;
   for (int k = 1; k < count; ++k) {
     const Eigen::Vector2d from = curve[static_cast<std::size_t>(k) - 1];
     const Eigen::Vector2d to = curve[static_cast<std::size_t>(k)];
     const double length = std::max((to - from).norm(), 1e-12);
-    const Eigen::Vector2d across =
-        Eigen::Vector2d(from.y() - to.y(), to.x() - from.x()) / length;
+    const Eigen::Vector2d across = Eigen::Vector2d(from.y() - to.y(), to.x() - from.x()) / length;
     const double at = across.dot(from);
     other.ForSegment(from, to, reach, [&](std::size_t j) {
       if (std::abs(across.dot(other.xy(j)) - at) > reach || !free[pair.b][j] ||

@@ -54,11 +54,7 @@ class Block {
  public:
   Block(const CandidateMaker& maker, const PairFinder& pairs, const FreeTargets& free,
         const StageStatistics& statistics, const Progress& before)
-      : maker_(maker),
-        pairs_(pairs),
-        free_(free),
-        statistics_(statistics),
-        before_(before) {}
+      : maker_(maker), pairs_(pairs), free_(free), statistics_(statistics), before_(before) {}
 
   void Run(const CameraPair& pair, std::size_t first, std::size_t last,
            std::vector<Candidate>* found) {
@@ -126,12 +122,13 @@ class Block {
       if (in_view && h.used.size() == 2 && h.score < kHopeless - 6) return;
     }
     ++leaves_;
-    Emit(std::move(h));
+    // Of a pair the score so far is the most that it can be: all misses covered.
+    if (h.used.size() > 2 || h.score >= kHopeless) Emit(std::move(h));
   }
 
   // With each of a camera's targets near to the point; true if it surely is one of them.
-  bool Branch(const Hypothesis& h, std::size_t c, const std::vector<NearTarget>& near,
-              double share, double miss) {
+  bool Branch(const Hypothesis& h, std::size_t c, const std::vector<NearTarget>& near, double share,
+              double miss) {
     double best_gain = -1e9;
     for (std::size_t k = 0; k < std::min<std::size_t>(near.size(), 3); ++k) {
       const double gain = std::log(share) - kLogTwoPi - 0.5 * near[k].log_det -
@@ -215,8 +212,7 @@ void ForEach(std::size_t count, int num_threads, Function f) {
 }
 
 // Where two sets claim a target, either may be right without it.
-void AddParts(const CandidateMaker& maker, const StageStatistics& statistics,
-              Progress* progress) {
+void AddParts(const CandidateMaker& maker, const StageStatistics& statistics, Progress* progress) {
   std::vector<Candidate>& found = progress->found;
   std::vector<std::vector<int>> claims;
   for (const auto& f : progress->settled) claims.emplace_back(f.size(), 0);
@@ -259,12 +255,16 @@ void AddParts(const CandidateMaker& maker, const StageStatistics& statistics,
 std::vector<Candidate> FindCandidates(const CandidateMaker& maker, const PairFinder& pairs,
                                       const FreeTargets& free, const StageStatistics& statistics,
                                       int num_threads) {
-  const int threads =
-      num_threads > 0 ? num_threads
-                      : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int threads = num_threads > 0
+                          ? num_threads
+                          : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   Progress progress;
   progress.settled = free;
   for (auto& s : progress.settled) std::fill(s.begin(), s.end(), 0);
+  std::size_t targets = 0;
+  for (const auto& f : free) targets += f.size();
+  progress.sets.reserve(4 * targets);
+  progress.pairs.reserve(4 * targets);
   std::vector<std::vector<Candidate>> found;
   for (const CameraPair& pair : pairs.pairs()) {
     const std::size_t n = free[pair.a].size(), blocks = (n + kBlock - 1) / kBlock;

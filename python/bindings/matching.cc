@@ -108,7 +108,8 @@ void BindMatching(py::module_& parent) {
       .def_readwrite("min_log_odds", &MatchingOptions::min_log_odds)
       .def_readwrite("neighbours", &MatchingOptions::neighbours)
       .def_readwrite("min_distance_mm", &MatchingOptions::min_distance_mm)
-      .def_readwrite("max_distance_mm", &MatchingOptions::max_distance_mm);
+      .def_readwrite("max_distance_mm", &MatchingOptions::max_distance_mm)
+      .def_readwrite("num_threads", &MatchingOptions::num_threads);
   py::class_<MatchEdits>(m, "MatchEdits")
       .def(py::init<>())
       .def(

@@ -22,21 +22,19 @@ std::array<Layer, 2> LayersTo(const FlatInterface& interface, double depth_mm) {
           Layer{depth_mm - glass_mm, interface.fluid_index}};
 }
 
-/// The equation in k (see the header) and its derivatives.
+/// Derivatives of the equation in k (see the header).
 struct Equation {
-  double value = 0.0;  ///< left side - 1
   double by_k = 0.0;
   double by_square = 0.0;  ///< by v.v
   double by_depth = 0.0;   ///< by the thickness of the layer in which the point lies
 };
 
 Equation Evaluate(const std::array<Layer, 2>& layers, double height_mm, double k, double square) {
-  Equation e{height_mm * k - 1.0, height_mm, 0.0, 0.0};
+  Equation e{height_mm, 0.0, 0.0};
   for (const Layer& layer : layers) {
     const double n2 = layer.index * layer.index;
     const double under = n2 + (n2 - 1.0) * k * k * square;
     const double root = std::sqrt(under), cube = under * root;
-    e.value += layer.thickness_mm * k / root;
     e.by_k += layer.thickness_mm * n2 / cube;
     e.by_square -= 0.5 * layer.thickness_mm * (n2 - 1.0) * k * k * k / cube;
     // A point inside the glass leaves the fluid with no thickness.
@@ -46,18 +44,24 @@ Equation Evaluate(const std::array<Layer, 2>& layers, double height_mm, double k
 }
 
 double SolveForK(const std::array<Layer, 2>& layers, double height_mm, double square) {
-  double reduced_mm = height_mm;
-  for (const Layer& layer : layers) reduced_mm += layer.thickness_mm / layer.index;
-  double k = 1.0 / reduced_mm;
+  // In u = 1 / k: a + sum h_i u / sqrt(n_i^2 u^2 + (n_i^2 - 1) q) - u, which is concave, falls
+  // at its root and is next to straight: from a + sum h_i / n_i on the falling side three steps.
+  double u = height_mm;
+  for (const Layer& layer : layers) u += layer.thickness_mm / layer.index;
   for (int i = 0; i < 50; ++i) {
-    const Equation e = Evaluate(layers, height_mm, k, square);
-    const double step = -e.value / e.by_k;
-    k += step;
-    // Quadratic: after a step of 1e-9 the next one is rounding.
-    if (std::abs(step) < 1e-9 * k) break;
+    double value = height_mm - u, slope = -1.0;
+    for (const Layer& layer : layers) {
+      const double n2 = layer.index * layer.index, bent = (n2 - 1.0) * square;
+      const double under = n2 * u * u + bent, inverse = 1.0 / std::sqrt(under);
+      value += layer.thickness_mm * u * inverse;
+      slope += layer.thickness_mm * bent * inverse / under;
+    }
+    const double step = -value / slope;
+    u += step;
+    // Quadratic: after a step of 1e-8 the next one is rounding.
+    if (std::abs(step) < 1e-8 * u) break;
   }
-  const Equation e = Evaluate(layers, height_mm, k, square);
-  return k - e.value / e.by_k;
+  return 1.0 / u;
 }
 
 }  // namespace

@@ -41,8 +41,8 @@ struct RefractionJacobians {
 /// in air,
 ///   k a + sum_i h_i k / sqrt(n_i^2 + (n_i^2 - 1) k^2 v.v) = 1,
 ///   S = C - a n + a k v.
-/// The left side rises with k and is concave: Newton's method from
-/// 1 / (a + sum h_i / n_i) comes from below, without a bound on the angle and
+/// As an equation of 1 / k it is concave and falls at its root: Newton's method from
+/// 1 / k = a + sum h_i / n_i converges from that side, without a bound on the angle and
 /// without a special case at perpendicular incidence. Derivatives: implicit.
 ///
 /// A point in front of the surface is seen straight: S is the point itself.

@@ -5,9 +5,15 @@
 #include <unordered_set>
 #include <vector>
 
-#include "videogrammetry/matching/view.h"
+#include "videogrammetry/matching/pairs.h"
 
 namespace videogrammetry {
+
+/// The logarithm of 2 pi; candidates of lower log odds than hopeless take no measurable part
+/// in anything; a target that adds less than a sure gain may as well be another's; two pictures
+/// that cover one another are one target with the merged share's probability.
+inline constexpr double kLogTwoPi = 1.8378770664093453, kHopeless = -7.0, kSureGain = 5.0,
+                        kMergedShare = 0.5;
 
 /// Upper limit of chi2 with d degrees of freedom at the two-sided level of the
 /// normal quantile z: Wilson-Hilferty (1931), good to a per cent here.
@@ -44,78 +50,62 @@ struct StageStatistics {
   double Score(const Candidate& candidate) const;
 };
 
-/// Finds and scores sets of targets of one stage.
-class CandidateFinder {
+/// A target near to where a camera should see a point.
+struct NearTarget {
+  double distance2 = 0.0;  ///< in standard deviations, squared
+  double log_det = 0.0;    ///< of the difference's covariance
+  int target = -1;
+};
+
+/// Makes and scores candidates of one stage from sets of targets.
+class CandidateMaker {
  public:
-  CandidateFinder(const std::vector<CameraView>& cameras, const std::vector<TargetView>& targets,
-                  std::span<const CameraTargets> data, const MatchingOptions& options,
-                  const MatchEdits& edits);
-
-  /// Volume of the space from which the rays come, from pairs that pass the gate.
-  double PairVolume(const std::vector<std::vector<char>>& free);
-
-  /// All candidates among the targets that `free` marks (a camera, a target)
-  /// whose score is not hopeless.
-  std::vector<Candidate> Find(const std::vector<std::vector<char>>& free,
-                              const StageStatistics& statistics);
+  CandidateMaker(const std::vector<CameraView>& cameras, const std::vector<TargetView>& targets,
+                 std::span<const CameraTargets> data, const MatchingOptions& options,
+                 const MatchEdits& edits);
 
   /// Adjusts and scores a set of targets; false if the rays do not meet within
   /// the gate, the sizes contradict, the IDs do or the user keeps two apart.
-  /// `forced`: whatever the rays and sizes say.
-  bool Make(std::span<const ViewTarget> used, Candidate* candidate, bool forced = false) const;
+  /// `forced`: whatever the rays and sizes say. `known`: the set's point, if it has been
+  /// adjusted. Without `look`, in_view and covered are left to Look.
+  bool Make(std::span<const ViewTarget> used, Candidate* candidate, bool forced = false,
+            const PointEstimate* known = nullptr, bool look = true) const;
+
+  /// Which cameras would see it and do not, and where another target may be the reason.
+  void Look(Candidate* candidate) const;
 
   /// Adds to a candidate the free targets that are surely its own.
-  void Grow(const std::vector<std::vector<char>>& free, const StageStatistics& statistics,
-            Candidate* candidate) const;
+  void Grow(const FreeTargets& free, const StageStatistics& statistics, Candidate* candidate) const;
 
- private:
-  struct Hypothesis {
-    std::vector<ViewTarget> used;
-    PointEstimate point;
-    double score = 0.0;
-    int missed = 0;
-  };
-  struct Near {
-    double distance2;
-    double log_det;
-    int target;
-  };
+  /// Replaces `near` by the free targets of camera c about xy, the picture of a point with
+  /// the derivatives `by` and the covariance `cov_mm2`; nearest first.
+  void Near(const Eigen::Vector2d& xy, const Eigen::Matrix<double, 2, 3>& by,
+            const Eigen::Matrix3d& cov_mm2, std::size_t c, int id, const FreeTargets& free,
+            std::vector<NearTarget>* near) const;
 
-  template <typename Function>
-  void ForPairs(std::size_t a, std::size_t b, const std::vector<std::vector<char>>& free,
-                std::size_t every, Function f) const;
-  bool PairPasses(std::size_t a, std::size_t i, std::size_t b, std::size_t j,
-                  const Eigen::Matrix3d& essential) const;
-  std::vector<Eigen::Vector2d> EpipolarCurve(std::size_t a, std::size_t i, std::size_t b) const;
-  void Seed(std::size_t a, std::size_t i, std::size_t b, std::size_t j);
-  void GrowFrom(Hypothesis hypothesis, std::size_t camera);
-  void NearTargets(const PointEstimate& point, std::size_t c, int id,
-                   const std::vector<std::vector<char>>& free, std::vector<Near>* near,
-                   Eigen::Vector2d* xy, Eigen::Matrix<double, 2, 3>* by) const;
-  void Emit(std::vector<ViewTarget> used);
-  void AddParts();
-  void Look(Candidate* candidate) const;
-  bool SizesAgree(const Candidate& candidate) const;
-  bool InRange(const Candidate& candidate) const;
-  bool KeptApart(std::span<const ViewTarget> used) const;
+  const std::vector<CameraView>& cameras() const { return cameras_; }
+  const std::vector<TargetView>& targets() const { return targets_; }
   int IdOf(const ViewTarget& s) const {
     return data_[static_cast<std::size_t>(s.camera)].id[static_cast<std::size_t>(s.target)];
   }
+
+ private:
+  bool SizesAgree(const Candidate& candidate) const;
+  bool InRange(const Candidate& candidate) const;
+  bool KeptApart(std::span<const ViewTarget> used) const;
 
   const std::vector<CameraView>& cameras_;
   const std::vector<TargetView>& targets_;
   std::span<const CameraTargets> data_;
   const MatchingOptions& options_;
   std::unordered_set<std::uint64_t> apart_;
-  std::vector<double> chi2_limit_;  // by degrees of freedom
-  std::vector<double> max_semi_;    // a camera, normalised
-  // While finding:
-  const std::vector<std::vector<char>>* free_ = nullptr;
-  const StageStatistics* statistics_ = nullptr;
-  std::vector<Candidate> found_;
-  std::unordered_set<std::uint64_t> sets_, pairs_;
-  std::vector<std::vector<char>> settled_;
-  int leaves_ = 0;
+  std::vector<double> chi2_limit_;       // by degrees of freedom
+  std::vector<double> usual_reach_;      // a camera, normalised: of all but the large ones
+  std::vector<std::vector<int>> large_;  // a camera: targets that cover more than that
 };
+
+/// Of a set of targets; does not depend on their order.
+std::uint64_t SetKey(std::span<const ViewTarget> used);
+std::uint64_t SetKey(const ViewTarget& a, const ViewTarget& b);
 
 }  // namespace videogrammetry

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
+#include <span>
 
 namespace videogrammetry {
 namespace {
@@ -13,51 +13,71 @@ constexpr double kNegligible = -5.3;
 // Larger groups have too many sets in any case; a limit beyond the second asks for them.
 constexpr std::size_t kMostSummed = 30;
 constexpr int kAlwaysSummed = 100000;
-constexpr double kDamping = 0.3;
+constexpr double kDamping = 0.3;  // of logarithms
 constexpr double kConverged = 1e-4;
+constexpr double kMostExponent = 650.0, kLeastMessage = 1e-300;
 
-// Targets of all cameras numbered through, and the candidates at each.
+// Targets of all cameras numbered through, and the candidates at each that count.
 class Claims {
  public:
   Claims(const std::vector<std::size_t>& num_targets, const std::vector<Candidate>& candidates)
       : offset_(num_targets.size() + 1, 0), candidates_(candidates) {
-    for (std::size_t c = 0; c < num_targets.size(); ++c) {
-      offset_[c + 1] = offset_[c] + num_targets[c];
-    }
-    at_.resize(offset_.back());
-    for (std::size_t k = 0; k < candidates.size(); ++k) {
-      if (!(candidates[k].score > kNegligible)) continue;
-      for (const ViewTarget& s : candidates[k].used) at_[Number(s)].push_back(k);
-    }
+    std::partial_sum(num_targets.begin(), num_targets.end(), offset_.begin() + 1);
+    start_.assign(offset_.back() + 2, 0);
+    ForEdges([&](std::size_t, std::size_t t) { ++start_[t + 2]; });
+    std::partial_sum(start_.begin(), start_.end(), start_.begin());
+    at_.resize(start_.back());
+    // Each beginning moves on to the next one's as it is filled.
+    ForEdges([&](std::size_t k, std::size_t t) { at_[start_[t + 1]++] = k; });
   }
+  std::size_t size() const { return offset_.back(); }
   std::size_t Number(const ViewTarget& s) const {
     return offset_[static_cast<std::size_t>(s.camera)] + static_cast<std::size_t>(s.target);
   }
-  const std::vector<std::size_t>& At(const ViewTarget& s) const { return at_[Number(s)]; }
+  std::span<const std::size_t> At(const ViewTarget& s) const { return At(Number(s)); }
+  std::span<const std::size_t> At(std::size_t t) const {
+    return std::span(at_).subspan(start_[t], start_[t + 1] - start_[t]);
+  }
 
-  // Groups of candidates linked by targets.
+  // Groups of candidates linked by targets, ascending.
   std::vector<std::vector<std::size_t>> Groups() const {
-    std::vector<std::size_t> root(candidates_.size());
+    std::vector<std::size_t> root(candidates_.size()), group_of(candidates_.size(), kNone);
     std::iota(root.begin(), root.end(), 0);
     const auto find = [&](std::size_t k) {
       while (root[k] != k) k = root[k] = root[root[k]];
       return k;
     };
-    for (const auto& at : at_) {
+    for (std::size_t t = 0; t < size(); ++t) {
+      const auto at = At(t);
       for (std::size_t i = 1; i < at.size(); ++i) root[find(at[i])] = find(at[0]);
     }
-    std::vector<std::vector<std::size_t>> groups(candidates_.size());
+    std::vector<std::vector<std::size_t>> groups;
     for (std::size_t k = 0; k < candidates_.size(); ++k) {
-      if (candidates_[k].score > kNegligible) groups[find(k)].push_back(k);
+      if (!(candidates_[k].score > kNegligible)) continue;
+      std::size_t& own = group_of[find(k)];
+      if (own == kNone) {
+        own = groups.size();
+        groups.emplace_back();
+      }
+      groups[own].push_back(k);
     }
-    std::erase_if(groups, [](const auto& g) { return g.empty(); });
     return groups;
   }
 
  private:
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+  template <typename Function>
+  void ForEdges(Function f) const {
+    for (std::size_t k = 0; k < candidates_.size(); ++k) {
+      if (!(candidates_[k].score > kNegligible)) continue;
+      for (const ViewTarget& s : candidates_[k].used) f(k, Number(s));
+    }
+  }
+
   std::vector<std::size_t> offset_;
   const std::vector<Candidate>& candidates_;
-  std::vector<std::vector<std::size_t>> at_;
+  std::vector<std::size_t> start_, at_;
 };
 
 // Sums over all compatible sets of one group.
@@ -124,6 +144,69 @@ class Enumeration {
   double total_ = 0.0, scale_ = 0.0;
 };
 
+// Belief propagation among the candidates of a list that is closed under sharing targets.
+class Propagation {
+ public:
+  Propagation(const std::vector<std::size_t>& list, const Claims& claims,
+              std::vector<Candidate>* candidates)
+      : list_(list), candidates_(*candidates), most_(claims.size()), rest_(claims.size()) {
+    first_.push_back(0);
+    for (const std::size_t k : list) {
+      weight_.push_back(std::exp(candidates_[k].score));
+      for (const ViewTarget& s : candidates_[k].used) place_.push_back(claims.Number(s));
+      first_.push_back(place_.size());
+    }
+    n_.assign(place_.size(), 1.0);
+    m_.resize(place_.size());
+  }
+
+  void Run(int max_iterations) {
+    for (int i = 0; i < max_iterations; ++i) {
+      if (Step() < kConverged) break;
+    }
+    for (std::size_t i = 0; i < list_.size(); ++i) {
+      double odds = weight_[i];
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) odds *= n_[e];
+      candidates_[list_[i]].probability = 1 / (1 + 1 / odds);
+    }
+  }
+
+ private:
+  // The largest relative change of a message.
+  double Step() {
+    std::fill(most_.begin(), most_.end(), 0.0);
+    std::fill(rest_.begin(), rest_.end(), 0.0);
+    for (std::size_t i = 0; i < list_.size(); ++i) {
+      double all = weight_[i];
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) all *= n_[e];
+      for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) {
+        const double m = all / n_[e];
+        double& most = most_[place_[e]];
+        m_[e] = m;
+        rest_[place_[e]] += std::min(m, most);
+        most = std::max(m, most);
+      }
+    }
+    double change = 0;
+    for (std::size_t e = 0; e < place_.size(); ++e) {
+      const std::size_t t = place_[e];
+      // Without the own one, which may be nearly all of it.
+      const double others = m_[e] == most_[t] ? rest_[t] : (rest_[t] - m_[e]) + most_[t];
+      const double fresh = 1 / (1 + std::max(others, 0.0));
+      // A quarter of the old one, geometrically.
+      const double next = std::max(std::sqrt(fresh * std::sqrt(fresh * n_[e])), kLeastMessage);
+      change = std::max(change, std::abs(next - n_[e]) / n_[e]);
+      n_[e] = next;
+    }
+    return change;
+  }
+
+  const std::vector<std::size_t>& list_;
+  std::vector<Candidate>& candidates_;
+  std::vector<std::size_t> first_, place_;  // edges: a candidate and one of its targets
+  std::vector<double> weight_, n_, m_, most_, rest_;
+};
+
 // Sum of exp(log_m - most) over a target's edges without one of them.
 double RestWithout(std::size_t e, const std::vector<double>& log_m,
                    const std::vector<std::size_t>& edges, double most) {
@@ -134,8 +217,9 @@ double RestWithout(std::size_t e, const std::vector<double>& log_m,
   return rest;
 }
 
-void Propagate(const std::vector<std::size_t>& group, const Claims& claims, int max_iterations,
-               std::vector<Candidate>* candidates) {
+// The same for scores beyond the exponential's range.
+void PropagateLogarithms(const std::vector<std::size_t>& group, const Claims& claims,
+                         int max_iterations, std::vector<Candidate>* candidates) {
   // Edges: a candidate and one of its targets.
   std::vector<std::size_t> first(group.size() + 1, 0), number;
   for (std::size_t i = 0; i < group.size(); ++i) {
@@ -194,19 +278,31 @@ void Propagate(const std::vector<std::size_t>& group, const Claims& claims, int 
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
                       std::vector<Candidate>* candidates, int exact_limit, int max_iterations) {
   const Claims claims(num_targets, *candidates);
+  std::vector<std::size_t> rest;
   for (Candidate& c : *candidates) c.probability = 0;
-  for (const auto& group : claims.Groups()) {
-    if (group.size() == 1) {
-      Candidate& alone = (*candidates)[group[0]];
-      alone.probability = 1 / (1 + std::exp(-alone.score));
-      continue;
+  if (exact_limit <= 0) {
+    for (std::size_t k = 0; k < candidates->size(); ++k) {
+      if ((*candidates)[k].score > kNegligible) rest.push_back(k);
     }
-    const bool small = group.size() <= kMostSummed || exact_limit > kAlwaysSummed;
-    if (exact_limit > 0 && small &&
-        Enumeration(group, claims, *candidates, exact_limit).Run(group, candidates)) {
-      continue;
+  } else {
+    for (const auto& group : claims.Groups()) {
+      if (group.size() == 1) {
+        Candidate& alone = (*candidates)[group[0]];
+        alone.probability = 1 / (1 + std::exp(-alone.score));
+        continue;
+      }
+      const bool small = group.size() <= kMostSummed || exact_limit > kAlwaysSummed;
+      if (small && Enumeration(group, claims, *candidates, exact_limit).Run(group, candidates)) {
+        continue;
+      }
+      rest.insert(rest.end(), group.begin(), group.end());
     }
-    Propagate(group, claims, max_iterations, candidates);
+  }
+  if (std::any_of(rest.begin(), rest.end(),
+                  [&](std::size_t k) { return (*candidates)[k].score > kMostExponent; })) {
+    PropagateLogarithms(rest, claims, max_iterations, candidates);
+  } else {
+    Propagation(rest, claims, candidates).Run(max_iterations);
   }
 }
 

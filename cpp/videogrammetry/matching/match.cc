@@ -8,6 +8,7 @@
 #include <string>
 
 #include "videogrammetry/matching/marginals.h"
+#include "videogrammetry/matching/search.h"
 #include "videogrammetry/matching/stage_matcher.h"
 #include "videogrammetry/matching/statistics.h"
 
@@ -20,7 +21,7 @@ constexpr int kStatisticsRounds = 8;
 constexpr double kSettled = 0.1;
 constexpr int kSurfaceRounds = 3;
 // Enough for the statistics.
-constexpr int kRoughSets = 30, kRoughIterations = 6;
+constexpr int kRoughIterations = 6;
 // A target with this probability of being in some match is ambiguous, not outvoted.
 constexpr double kAmbiguous = 0.1;
 // What the user has said.
@@ -37,6 +38,10 @@ void CheckOptions(const Rig& rig, const MatchingOptions& options) {
   if (options.max_size_ratio != 0 && !(options.max_size_ratio > 1)) {
     throw std::invalid_argument("max_size_ratio: expected > 1 or 0 (off), got " +
                                 std::to_string(options.max_size_ratio));
+  }
+  if (options.num_threads < 0 || options.num_threads > 1024) {
+    throw std::invalid_argument("num_threads: expected 0 (one a core) to 1024, got " +
+                                std::to_string(options.num_threads));
   }
   if (!(options.min_log_odds >= 0) || options.neighbours < 0) {
     throw std::invalid_argument("min_log_odds and neighbours must be >= 0");
@@ -102,6 +107,7 @@ double LogOdds(double probability, double score) {
 StageMatcher::StageMatcher(const Rig& rig, const MatchingOptions& options) : options_(options) {
   CheckOptions(rig, options);
   for (const OrientedCamera& camera : rig) views_.emplace_back(camera);
+  pairs_ = CameraPairs(views_, options_);
   targets_.resize(rig.size());
 }
 
@@ -125,15 +131,17 @@ MatchResult StageMatcher::Match(std::span<const CameraTargets> cameras, const Ma
   CheckTargets(views_.size(), cameras);
   Begin(cameras);
   CheckEdits(edits, num_targets_);
-  CandidateFinder finder(views_, targets_, data_, options_, edits);
-  finder_ = &finder;
+  const CandidateMaker maker(views_, targets_, data_, options_, edits);
+  maker_ = &maker;
+  const PairFinder finder(views_, targets_, data_, pairs_, options_.critical_value);
   PutTogether(edits);
   MatchCoded();
-  statistics_ = StageStatistics::Start(views_, targets_, finder.PairVolume(free_));
+  statistics_ = StageStatistics::Start(views_, targets_, finder.Volume(free_));
   GrowKnown();
-  MatchUncoded();
+  candidates_ = FindCandidates(maker, finder, free_, statistics_, options_.num_threads);
+  Weigh();
   Accept();
-  finder_ = nullptr;
+  maker_ = nullptr;
   return std::move(result_);
 }
 
@@ -142,7 +150,7 @@ void StageMatcher::PutTogether(const MatchEdits& edits) {
     std::sort(set.begin(), set.end(),
               [](const ViewTarget& p, const ViewTarget& q) { return p.camera < q.camera; });
     Candidate candidate;
-    if (!finder_->Make(set, &candidate, true)) {
+    if (!maker_->Make(set, &candidate, true)) {
       throw std::invalid_argument(
           "edits: the rays of target " + std::to_string(set[0].target) + " of camera " +
           std::to_string(set[0].camera) +
@@ -175,7 +183,7 @@ void StageMatcher::MatchOneId(const std::vector<std::vector<int>>& lists) {
   }
   if (used.size() < 2) return;
   Candidate candidate;
-  if (finder_->Make(used, &candidate)) {
+  if (maker_->Make(used, &candidate)) {
     Known(std::move(candidate), false);
     return;
   }
@@ -185,7 +193,7 @@ void StageMatcher::MatchOneId(const std::vector<std::vector<int>>& lists) {
     std::vector<ViewTarget> without = used;
     without.erase(without.begin() + static_cast<std::ptrdiff_t>(k));
     Candidate reduced;
-    if (finder_->Make(without, &reduced) &&
+    if (maker_->Make(without, &reduced) &&
         (best.used.empty() || reduced.point.chi2 < best.point.chi2)) {
       best = reduced;
     }
@@ -212,7 +220,7 @@ void StageMatcher::Known(Candidate candidate, bool by_user) {
 // Cameras that see a known point, but did not read its ring, or that the user left out.
 void StageMatcher::GrowKnown() {
   for (Candidate& candidate : known_) {
-    finder_->Grow(free_, statistics_, &candidate);
+    maker_->Grow(free_, statistics_, &candidate);
     Take(candidate);
   }
 }
@@ -228,7 +236,7 @@ void StageMatcher::Take(const Candidate& candidate) {
 // Probabilities and statistics in turns.
 std::vector<double> StageMatcher::WeighAll() {
   for (int round = 0; round < kStatisticsRounds; ++round) {
-    SetProbabilities(num_targets_, &candidates_, kRoughSets, kRoughIterations);
+    SetProbabilities(num_targets_, &candidates_, 0, kRoughIterations);
     const StageStatistics before = statistics_;
     statistics_ = EstimateStatistics(views_, targets_, candidates_, known_, before);
     double change = std::abs(statistics_.log_density - before.log_density);
@@ -242,8 +250,7 @@ std::vector<double> StageMatcher::WeighAll() {
   return ProbabilitiesOfOnePoint(num_targets_, candidates_);
 }
 
-void StageMatcher::MatchUncoded() {
-  candidates_ = finder_->Find(free_, statistics_);
+void StageMatcher::Weigh() {
   std::vector<double> probability = WeighAll();
   for (int round = 0; options_.neighbours > 0 && round < kSurfaceRounds; ++round) {
     if (!SetSurfaceScores(views_, data_, statistics_, Reliable(probability), options_.neighbours,

@@ -50,6 +50,8 @@ struct MatchingOptions {
   /// mm; 0 = no limit.
   double min_distance_mm = 0.0;
   double max_distance_mm = 0.0;
+  /// Threads of the search in one stage; 0: one a core. The result does not depend on it.
+  int num_threads = 1;
 };
 
 /// What became of a target.

@@ -22,7 +22,7 @@ class StageMatcher {
   void PutTogether(const MatchEdits& edits);
   void MatchCoded();
   void MatchOneId(const std::vector<std::vector<int>>& lists);
-  void MatchUncoded();
+  void Weigh();
   void GrowKnown();
   void Accept();
   void Known(Candidate candidate, bool by_user);
@@ -33,9 +33,10 @@ class StageMatcher {
 
   const MatchingOptions options_;
   std::vector<CameraView> views_;
+  std::vector<CameraPair> pairs_;
   std::vector<TargetView> targets_;
   std::span<const CameraTargets> data_;
-  CandidateFinder* finder_ = nullptr;
+  const CandidateMaker* maker_ = nullptr;
   StageStatistics statistics_;
   std::vector<std::vector<char>> free_;
   std::vector<std::size_t> num_targets_;

@@ -20,6 +20,8 @@ constexpr double kFewPoints = 5.0;
 constexpr double kProven = 0.9;
 // Lone targets are this share of all at least.
 constexpr double kLeastLone = 0.02;
+// Targets in a row fill no area; they are taken to fill this share of the picture.
+constexpr double kSmallestPart = 0.1;
 
 // Sums of the weighted points' positions.
 struct Cloud {
@@ -42,6 +44,38 @@ struct Cloud {
     *information = axes.eigenvectors() * (12 / side.array().square()).matrix().asDiagonal() *
                    axes.eigenvectors().transpose();
     return side.prod();
+  }
+};
+
+// Targets of no match of one camera: how many, and a normalised picture's area with their
+// moments. With few of them the picture's other targets say where they would be.
+struct LoneTargets {
+  std::vector<double> share;  // a target: that it is of no match
+
+  explicit LoneTargets(const TargetView& view) : share(view.size(), 1.0) {}
+
+  double LogDensity(const TargetView& view, double picture_area) const {
+    double count = 0, weights = 0;
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+    Eigen::Matrix2d square = Eigen::Matrix2d::Zero();
+    const double prior = kFewPoints / std::max(static_cast<double>(view.size()), 1.0);
+    for (std::size_t t = 0; t < view.size(); ++t) {
+      const double own = std::max(share[t], 0.0);
+      count += own;
+      if (!view.valid(t)) continue;
+      weights += own + prior;
+      sum += (own + prior) * view.xy(t);
+      square += (own + prior) * view.xy(t) * view.xy(t).transpose();
+    }
+    double area = picture_area;
+    if (static_cast<double>(view.size()) >= kFewPoints && weights > 0) {
+      const Eigen::Vector2d mean = sum / weights;
+      const double moments = (square / weights - mean * mean.transpose()).determinant();
+      area = std::clamp(12 * std::sqrt(std::max(moments, 0.0)), kSmallestPart * picture_area,
+                        picture_area);
+    }
+    const double least = kLeastLone * static_cast<double>(view.size());
+    return std::log((std::max(count, least) + 1.0) / area);
   }
 };
 
@@ -71,12 +105,14 @@ StageStatistics EstimateStatistics(const std::vector<CameraView>& cameras,
   const auto n = static_cast<Eigen::Index>(cameras.size());
   Eigen::MatrixXd hits = Eigen::MatrixXd::Constant(n, n, kPriorCount * kPriorSeen);
   Eigen::MatrixXd trials = Eigen::MatrixXd::Constant(n, n, kPriorCount);
-  std::vector<double> lone;
-  for (const TargetView& t : targets) lone.push_back(static_cast<double>(t.size()));
+  std::vector<LoneTargets> lone;
+  for (const TargetView& t : targets) lone.emplace_back(t);
   Cloud cloud;
   const auto count = [&](const Candidate& candidate, double weight) {
     if (weight < 1e-3) return;
-    for (const ViewTarget& s : candidate.used) lone[static_cast<std::size_t>(s.camera)] -= weight;
+    for (const ViewTarget& s : candidate.used) {
+      lone[static_cast<std::size_t>(s.camera)].share[static_cast<std::size_t>(s.target)] -= weight;
+    }
     cloud.Add(candidate.point.position_mm, weight);
     if (cameras.size() > 2 && weight > kProven) {
       CountDetections(candidate, weight, &hits, &trials);
@@ -88,9 +124,7 @@ StageStatistics EstimateStatistics(const std::vector<CameraView>& cameras,
   StageStatistics statistics = before;
   statistics.seen = hits.cwiseQuotient(trials).cwiseMax(kLeastSeen).cwiseMin(kMostSeen);
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    statistics.log_lone[c] =
-        std::log((std::max(lone[c], kLeastLone * static_cast<double>(targets[c].size())) + 1.0) /
-                 cameras[c].area());
+    statistics.log_lone[c] = lone[c].LogDensity(targets[c], cameras[c].area());
   }
   if (cloud.count >= kFewPoints) {
     statistics.log_density = std::log(cloud.count / cloud.Volume(&statistics.box_information));

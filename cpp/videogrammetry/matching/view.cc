@@ -193,7 +193,7 @@ bool AdjustPoint(const std::vector<CameraView>& cameras, const std::vector<Targe
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
-    double chi2 = 0;
+    double chi2 = 0, scale = 0;
     for (const ViewTarget& s : used) {
       const TargetView& view = targets[static_cast<std::size_t>(s.camera)];
       const auto t = static_cast<std::size_t>(s.target);
@@ -206,6 +206,7 @@ bool AdjustPoint(const std::vector<CameraView>& cameras, const std::vector<Targe
       normal.noalias() += by.transpose() * heavy;
       right.noalias() += by.transpose() * weighted;
       chi2 += residual.dot(weighted);
+      scale = std::max(scale, by.squaredNorm());
     }
     double determinant;
     const Eigen::Matrix3d inverse = SymmetricInverse(normal, &determinant);
@@ -214,7 +215,8 @@ bool AdjustPoint(const std::vector<CameraView>& cameras, const std::vector<Targe
     if (!step.allFinite()) return false;
     position += step;
     const double gain = step.dot(right);
-    if (gain < kLastStep) {
+    // Of the residuals' change, the share step / distance is not linear.
+    if (gain < kLastStep || gain * scale * step.squaredNorm() < kLastStep) {
       point->position_mm = position;
       point->information = normal;
       point->chi2 = std::max(chi2 - gain, 0.0);

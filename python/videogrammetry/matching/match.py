@@ -38,6 +38,7 @@ class MatchingOptions:
     min_log_odds : least log odds that all targets of a match show one point, >= 0.
     neighbours : neighbours that predict a target's depth on its surface; 0 = none.
     min_distance_mm, max_distance_mm : range from every camera; 0 = no limit.
+    num_threads : of the search in one stage, 0 = one a core; the result is the same.
     """
 
     critical_value: float = 3.89
@@ -46,6 +47,7 @@ class MatchingOptions:
     neighbours: int = 8
     min_distance_mm: float = 0.0
     max_distance_mm: float = 0.0
+    num_threads: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,6 +35,9 @@ Chunk::Chunk(const Rig& rig, const std::vector<FlatTargets>& cameras,
 StageMatches Chunk::Run() {
   for (std::size_t s = 0; s < num_stages_; ++s) Forward(s);
   Backward();
+  for (std::size_t s = 0; s < num_stages_; ++s) {
+    if (!edits_.contains(s)) NameInconsistentCodes(s);
+  }
   return Result();
 }
 

@@ -53,6 +53,9 @@ class Chunk {
   // A code that is read once a camera and whose rays meet; all others are the search's.
   void OneCode(std::size_t stage, std::size_t first, std::size_t last);
 
+  // Codes left over though another camera has read the same: their rays do not meet.
+  void NameInconsistentCodes(std::size_t stage);
+
   const TargetView& View(const ViewTarget& s) const {
     return targets_[static_cast<std::size_t>(s.camera)];
   }

@@ -56,6 +56,31 @@ void Chunk::OneCode(std::size_t stage, std::size_t first, std::size_t last) {
   Follow(stage, track, point, used_);
 }
 
+void Chunk::NameInconsistentCodes(std::size_t stage) {
+  std::vector<Code> left;
+  for (std::size_t c = 0; c < num_cameras_; ++c) {
+    const FlatTargets& own = cameras_[c];
+    for (std::size_t m = own.offsets[stage]; m < own.offsets[stage + 1]; ++m) {
+      const ViewTarget place{static_cast<int>(c), static_cast<int>(m - own.offsets[stage])};
+      if (own.targets.id[m] >= 0 && IsFree(place, stage)) {
+        left.push_back({own.targets.id[m], place});
+      }
+    }
+  }
+  for (const Code& code : left) {
+    bool elsewhere = false;
+    for (std::size_t c = 0; c < num_cameras_ && !elsewhere; ++c) {
+      if (static_cast<int>(c) == code.place.camera) continue;
+      const FlatTargets& own = cameras_[c];
+      const auto begin = own.targets.id.begin();
+      const auto first = begin + static_cast<std::ptrdiff_t>(own.offsets[stage]);
+      const auto last = begin + static_cast<std::ptrdiff_t>(own.offsets[stage + 1]);
+      elsewhere = std::find(first, last, code.id) != last;
+    }
+    if (elsewhere) Status(code.place, stage) = TargetMatch::kInconsistentId;
+  }
+}
+
 bool Chunk::RaysMeet(std::span<const ViewTarget> used, PointEstimate* point) const {
   for (const ViewTarget& s : used) {
     if (!View(s).valid(Index(s))) return false;

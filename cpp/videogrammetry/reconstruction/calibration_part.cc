@@ -49,8 +49,7 @@ CalibrationPart::CalibrationPart(const Rig& rig, const RigCovariance& covariance
   if (!given_) return;
   const Eigen::MatrixXd& c = covariance.parameters;
   const Eigen::VectorXd sigma = c.diagonal().cwiseMax(0.0).cwiseSqrt();
-  const Eigen::VectorXd inverse =
-      sigma.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
+  const Eigen::VectorXd inverse = sigma.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse.asDiagonal() * c *
                                                               inverse.asDiagonal());
   const Eigen::VectorXd& values = solver.eigenvalues();

@@ -17,6 +17,7 @@ from videogrammetry.pipeline.chunk_record import (
     make_record,
 )
 from videogrammetry.pipeline.stability import StabilityCheck
+from videogrammetry.pipeline.totals import Totals
 from videogrammetry.reconstruction import Triangulator
 from videogrammetry.types import POINT_FLAGS, PointSet, Targets
 
@@ -127,7 +128,7 @@ def test_points_that_a_moved_camera_sees_are_flagged_from_there_on() -> None:
     )
     stability = checked(rig, records)
     none = np.empty(0, np.int32)
-    linked = Linked(none, [], none, none, none, 0, stability=stability)
+    linked = Linked(none, [], [], none, none, none, 0, Totals(), stability)
     assert not (linked.flags(records[0]) & UNSTABLE).any()
     record = records[1]
     stage = np.repeat(record.stage, record.point_count)

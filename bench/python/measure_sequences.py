@@ -35,7 +35,7 @@ from videogrammetry.pipeline.chunk_job import ChunkOptions, ChunkWorker, chunks_
 from videogrammetry.pipeline.chunk_record import make_record
 from videogrammetry.pipeline.chunk_store import FolderStore
 from videogrammetry.pipeline.frames import map_bounded
-from videogrammetry.pipeline.measure import first_free_id
+from videogrammetry.pipeline.measure_job import first_free_id
 from videogrammetry.project import MeasurementLayout, open_measurement_writer
 from videogrammetry.recognition import (
     RecognitionOptions,

@@ -18,7 +18,7 @@ from measured_data import datasets
 from small_project import SIZE_PX, frames_of, small_rig, write_small_project
 
 from videogrammetry.pipeline import FollowOptions, LiveTable, follow_project, measure_to_file
-from videogrammetry.pipeline.measure import first_free_id
+from videogrammetry.pipeline.measure_job import first_free_id
 from videogrammetry.project import read_project, read_trajectories, write_rig
 
 STAGES, RATE_HZ = 230, 100.0  # two whole chunks and a part

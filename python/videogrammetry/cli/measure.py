@@ -208,7 +208,7 @@ def _measure(project: Project, args: argparse.Namespace) -> None:
 
 def _follow(project: Project, args: argparse.Namespace, progress: Progress) -> StageTable:
     from videogrammetry.pipeline import FollowOptions, LiveTable, follow_project
-    from videogrammetry.pipeline.measure import first_free_id
+    from videogrammetry.pipeline.measure_job import first_free_id
 
     options = FollowOptions(
         idle_s=args.idle,

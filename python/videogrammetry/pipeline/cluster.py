@@ -30,7 +30,7 @@ from videogrammetry.types import FrameSource, RigData
 from videogrammetry.version import __version__
 
 if TYPE_CHECKING:
-    from videogrammetry.pipeline.measure import MeasureJob
+    from videogrammetry.pipeline.measure_job import MeasureJob
 
 #: What the command takes for a cluster of its own on this machine.
 LOCAL = "local"

@@ -29,15 +29,12 @@ from videogrammetry.pipeline.chunk_job import (
 from videogrammetry.pipeline.chunk_record import ChunkRecord
 from videogrammetry.pipeline.chunk_store import FolderStore
 from videogrammetry.pipeline.frames import Progress, map_bounded, silent
-from videogrammetry.pipeline.measure import (
-    PARTS_FOLDER,
+from videogrammetry.pipeline.measure import PARTS_FOLDER, Threads, finish_file, lock_path
+from videogrammetry.pipeline.measure_job import (
     Models,
-    Threads,
     chunk_options,
     fingerprint_of,
-    finish_file,
     job_of,
-    lock_path,
     read_project_rig,
     rig_in_order,
 )

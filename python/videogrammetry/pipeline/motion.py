@@ -6,7 +6,7 @@ import dataclasses
 
 from videogrammetry.errors import MeasurementError
 from videogrammetry.motion import MotionOptions, compute_motion
-from videogrammetry.pipeline.measure import reference_stage, refuse_filter
+from videogrammetry.pipeline.measure_job import reference_stage, refuse_filter
 from videogrammetry.project import Project, plain, provenance
 from videogrammetry.types import Measurement
 

@@ -30,7 +30,7 @@ from videogrammetry.accuracy import (
 from videogrammetry.errors import MeasurementError, ProjectFileError
 from videogrammetry.geometry import select_cameras
 from videogrammetry.pipeline.frames import recognition_options
-from videogrammetry.pipeline.measure import first_free_id, read_project_rig
+from videogrammetry.pipeline.measure_job import first_free_id, read_project_rig
 from videogrammetry.project import (
     Project,
     ScaleBar,

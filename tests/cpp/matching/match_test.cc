@@ -330,6 +330,65 @@ TEST(Matching, TheProbabilityIsTheShareOfFalseMatches) {
   }
 }
 
+// Points and clutter in a part of the pictures only: lone targets are as dense as they are
+// there, not over all of the picture.
+TEST(Matching, TheProbabilityWhereACommonVolumeFillsAPart) {
+  MatchingOptions options;
+  options.min_log_odds = 0;
+  options.neighbours = 0;
+  const Rig rig = ArcRig(2);
+  double stated = 0, wrong = 0, number = 0;
+  for (unsigned seed = 0; seed < 15; ++seed) {
+    std::mt19937 random(300 + seed);
+    std::vector<Eigen::Vector3d> points = Cloud(400, &random);
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (const Eigen::Vector3d& p : points) mean += p / 400.0;
+    for (Eigen::Vector3d& p : points) p = mean + 0.4 * (p - mean);
+    Scene scene = Picture(rig, points, 0, &random);
+    std::uniform_real_distribution<double> one(0, 1);
+    for (std::size_t c = 0; c < 2; ++c) {
+      Eigen::Vector2d low = scene.cameras[c].xy_px[0], high = low;
+      for (const Eigen::Vector2d& xy : scene.cameras[c].xy_px) {
+        low = low.cwiseMin(xy);
+        high = high.cwiseMax(xy);
+      }
+      for (std::size_t t = 0; t < scene.cameras[c].size(); ++t) {
+        if (one(random) > 0.1) continue;
+        const Eigen::Vector2d share(one(random), one(random));
+        scene.cameras[c].xy_px[t] = low + (high - low).cwiseProduct(share);
+        scene.truth[c][t] = -static_cast<int>(1000 * c + t) - 1;
+      }
+    }
+    for (const Match& match : MatchStage(rig, scene.cameras, options).matches) {
+      stated += match.false_probability;
+      wrong += scene.truth[0][static_cast<std::size_t>(match.target[0])] !=
+               scene.truth[1][static_cast<std::size_t>(match.target[1])];
+      ++number;
+    }
+  }
+  ASSERT_GT(number, 1000);
+  // Of the number of wrong ones the standard deviation is its root at most; a quarter more
+  // for what the model leaves out (the volume is no box).
+  EXPECT_NEAR(wrong, stated, 4 * std::sqrt(stated) + 0.25 * stated);
+}
+
+TEST(Matching, ThreadsDoNotChangeTheResult) {
+  std::mt19937 random(77);
+  const Rig rig = ArcRig(4);
+  const Scene scene = Picture(rig, Cloud(400, &random), 0, &random);
+  MatchingOptions options;
+  const MatchResult one = MatchStage(rig, scene.cameras, options);
+  options.num_threads = 3;
+  const MatchResult three = MatchStage(rig, scene.cameras, options);
+  ASSERT_EQ(one.matches.size(), three.matches.size());
+  for (std::size_t k = 0; k < one.matches.size(); ++k) {
+    EXPECT_EQ(one.matches[k].target, three.matches[k].target);
+    EXPECT_EQ(one.matches[k].log_odds, three.matches[k].log_odds);
+  }
+  options.num_threads = -1;
+  EXPECT_THROW(MatchStage(rig, scene.cameras, options), std::invalid_argument);
+}
+
 TEST(Matching, EditsComeFirst) {
   std::mt19937 random(13);
   const Rig rig = ArcRig(3);

@@ -43,7 +43,7 @@ class MatchingOptions:
 
     critical_value: float = 3.89
     max_size_ratio: float = 1.35
-    min_log_odds: float = 4.6
+    min_log_odds: float = 2.3
     neighbours: int = 8
     min_distance_mm: float = 0.0
     max_distance_mm: float = 0.0

@@ -41,9 +41,9 @@ struct MatchingOptions {
   /// A true dot's size times depth agrees between the cameras: larger ratios
   /// are no candidates. Range > 1; 0 = do not look at sizes.
   double max_size_ratio = 1.35;
-  /// Least log odds that a match's targets are of one point (2.3: 10 to 1);
+  /// Least log odds that a match's targets are of one point (4.6: 100 to 1);
   /// below, they are reported ambiguous. Range >= 0.
-  double min_log_odds = 2.3;
+  double min_log_odds = 4.6;
   /// Neighbours that predict a target's depth on its surface; 0 = none.
   int neighbours = 8;
   /// Points nearer or farther than this from any camera are no candidates, in

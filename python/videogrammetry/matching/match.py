@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,10 @@ TARGET_STATUS = (
 )
 
 
+#: 10 to 1 and 100 to 1.
+_LOG_ODDS_OF_MORE, _LOG_ODDS_OF_TWO = 2.3, 4.6
+
+
 @dataclass(frozen=True, kw_only=True)
 class MatchingOptions:
     """Options of matching; fields and defaults equal those of the C++ struct.
@@ -35,7 +39,9 @@ class MatchingOptions:
     critical_value : gate of the rays' distance in standard deviations, (0, 20].
     max_size_ratio : a dot's size times its depth agrees between the cameras
         within this ratio, > 1; 0 = do not look at sizes.
-    min_log_odds : least log odds that all targets of a match show one point, >= 0.
+    min_log_odds : least log odds that all targets of a match show one point, >= 0;
+        None: 2.3 (10 to 1) with three cameras or more, 4.6 (100 to 1) with two, where no
+        third picture can contradict.
     neighbours : neighbours that predict a target's depth on its surface; 0 = none.
     min_distance_mm, max_distance_mm : range from every camera; 0 = no limit.
     num_threads : of the search in one stage, 0 = one a core; the result is the same.
@@ -43,7 +49,7 @@ class MatchingOptions:
 
     critical_value: float = 3.89
     max_size_ratio: float = 1.35
-    min_log_odds: float = 2.3
+    min_log_odds: float | None = None
     neighbours: int = 8
     min_distance_mm: float = 0.0
     max_distance_mm: float = 0.0
@@ -72,8 +78,11 @@ def image_covariance(targets: Targets, sigma_floor_px: float) -> FloatArray:
     return np.ascontiguousarray(cov)
 
 
-def _core_options(options: MatchingOptions | None) -> Any:
+def _core_options(options: MatchingOptions | None, num_cameras: int) -> Any:
     options = options or MatchingOptions()
+    if options.min_log_odds is None:
+        least = _LOG_ODDS_OF_MORE if num_cameras > 2 else _LOG_ODDS_OF_TWO
+        options = replace(options, min_log_odds=least)
     core_options = _matching.MatchingOptions()
     for field in fields(options):
         setattr(core_options, field.name, getattr(options, field.name))
@@ -130,7 +139,7 @@ def match_stage(
         for name, t, more in zip(rig.cameras, targets, extra, strict=True)
     ]
     result = _matching.match_stage(
-        rig_model(rig), cameras, _core_options(options), _core_edits(edits)
+        rig_model(rig), cameras, _core_options(options, len(rig.cameras)), _core_edits(edits)
     )
     return Matches(
         target=result["target"],
@@ -209,7 +218,7 @@ def match_stages(
     result = _matching.match_stages(
         rig_model(rig),
         flat,
-        _core_options(options),
+        _core_options(options, len(rig.cameras)),
         {stage: _core_edits(one) for stage, one in (edits or {}).items()},
     )
     return StageMatches(

@@ -13,4 +13,5 @@ def test_fields_and_defaults_equal_those_of_cpp():
     names = {name for name in dir(theirs) if not name.startswith("_")}
     assert names == {field.name for field in fields(MatchingOptions)}
     for field in fields(MatchingOptions):
-        assert getattr(theirs, field.name) == field.default, field.name
+        if field.name != "min_log_odds":  # None: by the number of cameras
+            assert getattr(theirs, field.name) == field.default, field.name

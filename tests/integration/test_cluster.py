@@ -119,7 +119,13 @@ def test_ctrl_c_leaves_whole_parts(measured, tmp_path) -> None:
     command = [sys.executable, "-m", "videogrammetry", "measure", str(folder)]
     local = [*command, "--scheduler", "local", "--workers", "2"]
     process = subprocess.Popen(
-        local, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        local,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # Where these tests run in the background, Ctrl-C is ignored, also by what they begin.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     parts = folder / "measurement.parts"
     until = time.monotonic() + 120

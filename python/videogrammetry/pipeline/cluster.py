@@ -222,14 +222,18 @@ class _Dispatch:
             error = future.exception()
             if not isinstance(error, self._distributed.KilledWorker):
                 raise _named(error)
-            self._lost[chunk] += 1
-            if self._lost[chunk] * 4 > _MOST_LOST:  # Dask itself tries four
-                raise MeasurementError(
-                    f"{_MOST_LOST} workers were lost while they measured the stages {chunk[0]} to "
-                    f"{chunk[1]}: have they too little memory? What was measured is kept"
-                )
-            return False
-        where = future.result()
+            return self._is_lost(chunk)
+        if not self._store.missing([chunk]):
+            return True
+        try:
+            where = future.result(timeout=_SEEN_S)
+        except (
+            self._distributed.KilledWorker,
+            self._distributed.CancelledError,
+            TimeoutError,
+            OSError,
+        ):  # who did it was lost afterwards, and its word with it
+            return self._is_lost(chunk) if self._store.missing([chunk]) else True
         until = time.monotonic() + _SEEN_S
         while self._store.missing([chunk]):
             if time.monotonic() > until:
@@ -240,6 +244,16 @@ class _Dispatch:
                 )
             time.sleep(0.2)
         return True
+
+    def _is_lost(self, chunk: Chunk) -> bool:
+        """False, the chunk is to be measured again; an error if that was tried too often."""
+        self._lost[chunk] += 1
+        if self._lost[chunk] * 4 > _MOST_LOST:  # Dask itself tries four
+            raise MeasurementError(
+                f"{_MOST_LOST} workers were lost while they measured the stages {chunk[0]} to "
+                f"{chunk[1]}: have they too little memory? What was measured is kept"
+            )
+        return False
 
 
 def measure_part(data: bytes, digest: str, chunk: Chunk) -> str:

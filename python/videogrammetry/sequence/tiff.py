@@ -34,6 +34,7 @@ _MIN_IS_WHITE, _MIN_IS_BLACK, _RGB = 0, 1, 2
 _UNCOMPRESSED = 1
 #: What the decoders raise on damaged bytes.
 _DAMAGE = (
+    ArithmeticError,
     tifffile.TiffFileError,
     ValueError,
     RuntimeError,
@@ -41,7 +42,6 @@ _DAMAGE = (
     KeyError,
     IndexError,
     TypeError,
-    ZeroDivisionError,
     MemoryError,
     struct.error,
     zlib.error,

@@ -21,9 +21,9 @@ constexpr int kIterations = 12;
 /// A step this short is the last. With the first step's derivatives kept, each step
 /// is about a twentieth of the one before.
 constexpr double kConvergedPx = 0.01;
-/// A first step this short leaves 0.3 e^2 / blur: 0.0004 px, and there is no need for
+/// A first step this short leaves 0.3 e^2 / blur: 0.0002 px, and there is no need for
 /// another where the residuals are noise, of up to this times the expected variance.
-constexpr double kNearPx = 0.03, kUsualFactor = 1.5;
+constexpr double kNearPx = 0.02, kUsualFactor = 1.5;
 /// A first step this long, and one that is so large a part of the one before, asks
 /// for new derivatives.
 constexpr double kFarPx = 0.25, kSlow = 0.3;

@@ -36,10 +36,6 @@ constexpr double kBlind = 0.07;
 constexpr double kFlareLever = 2.5, kFlarePx = 0.01;
 /// What flare may be over its standard deviation: shadows and reflections have edges.
 constexpr double kFlareTails = 3.0;
-/// What a fit may need beyond its start's ellipse.
-constexpr double kMoreReachPx = 2.0;
-/// A dot this near to its place has its pixels around it.
-constexpr double kNearExpectedPx = 0.5;
 /// A dot's axes change by no more than this part from frame to frame.
 constexpr double kMostResized = 0.25;
 /// Standard deviation of the edge's place in a strip one pixel wide: Cramer and Rao's
@@ -158,9 +154,10 @@ bool IsVague(const TargetEdge& dot) {
 }  // namespace
 
 bool ExpectedDot::IsLike(const Ellipse& other) const {
-  const double most = kMostResized * ellipse.semi_major_px;
-  return std::abs(other.semi_major_px - ellipse.semi_major_px) < most &&
-         std::abs(other.semi_minor_px - ellipse.semi_minor_px) < most;
+  const Ellipse& e = edge.ellipse;
+  const double most = kMostResized * e.semi_major_px;
+  return std::abs(other.semi_major_px - e.semi_major_px) < most &&
+         std::abs(other.semi_minor_px - e.semi_minor_px) < most;
 }
 
 EdgePairRecognition::EdgePairRecognition(const FrameView& frame, const RecognitionOptions& options,
@@ -246,13 +243,14 @@ bool EdgePairRecognition::HasSize(const Ellipse& e) const {
          2.0 * e.semi_major_px <= options_.diameter_px[1];
 }
 
-/// @return nullopt if it is not clearly a dot.
-std::optional<ModelFit> EdgePairRecognition::FitClear(const DotStart& dot,
-                                                      const GreyWindow& window) {
+std::optional<ModelFit> EdgePairRecognition::FitByModel(const DotStart& dot,
+                                                        const GreyWindow& window) {
   if (!picture_ || options_.estimator == Estimator::kMeanGradient) return std::nullopt;
-  auto fit = fitter_.Fit(window, dot, &*picture_);
-  if (fit && !IsClear(*fit, picture_->noise)) fit.reset();
-  return fit;
+  return fitter_.Fit(window, dot, &*picture_);
+}
+
+bool EdgePairRecognition::IsClearlyDot(const ModelFit& fit) const {
+  return IsClear(fit, picture_->noise);
 }
 
 /// @return nullopt if the dot has not the size asked for.
@@ -270,77 +268,28 @@ std::optional<TargetEdge> EdgePairRecognition::EdgeOfDot(const ModelFit& fit,
 /// What is not clearly a dot goes to unclear_.
 std::optional<TargetEdge> EdgePairRecognition::MeasureByModel(const Start& start,
                                                               const GreyWindow& window) {
-  const auto fit = FitClear(start.dot, window);
-  if (fit) return EdgeOfDot(*fit, start.dot.frame);
+  const auto fit = FitByModel(start.dot, window);
+  if (fit && IsClearlyDot(*fit)) return EdgeOfDot(*fit, start.dot.frame);
   unclear_.push_back(start);
   return std::nullopt;
 }
 
-/// Start of a fit near where a dot is expected: its moments, again where they move it so far
-/// that the pixels around its old place were the wrong ones.
-std::optional<DotStart> EdgePairRecognition::BeginAtExpected(const ExpectedDot& dot,
-                                                             GreyWindow* window) {
-  constexpr int kRounds = 4;
-  const double blur_px = UsualBlur();
-  DotStart start = {EllipseFrame::From(dot.ellipse), dot.inside, dot.outside};
-  for (int round = 0; round < kRounds; ++round) {
-    DotStart looked = start;
-    // (off its place it looks like none, and is found by the grey values that it had)
-    const bool is_dot = MeasureGrey(sampler_, &looked);
-    if (is_dot) start = looked;
-    *window = WindowOf(start.frame, DotFitter::Reach(blur_px) + kMoreReachPx);
-    const auto begun = fitter_.Begin(*window, start, blur_px);
-    if (!begun) return std::nullopt;
-    const double moved = (begun->frame.center - start.frame.center).norm();
-    start = *begun;
-    if (is_dot && moved < kNearExpectedPx) return start;
-  }
-  return std::nullopt;
-}
-
-bool EdgePairRecognition::MeasureExpectedDot(const ExpectedDot& dot) {
-  GreyWindow window;
-  const auto start = BeginAtExpected(dot, &window);
-  if (!start) return false;
-  const auto fit = FitClear(*start, window);
-  if (!fit || !dot.IsLike(fit->ellipse)) return false;
-  const auto edge = EdgeOfDot(*fit, start->frame);
-  if (!edge) return false;
-  const Ellipse& e = edge->ellipse;
-  if (rings_.Holds({e.x_px, e.y_px}, e.semi_minor_px)) return false;
-  Add(*edge, *edge);
-  return true;
-}
-
-std::vector<int> EdgePairRecognition::MeasureExpected(const std::vector<ExpectedDot>& dots) {
-  std::vector<int> order(dots.size()), missing;
-  std::iota(order.begin(), order.end(), 0);
-  const auto area = [&](int i) {
-    const Ellipse& e = dots[static_cast<std::size_t>(i)].ellipse;
-    return e.semi_major_px * e.semi_minor_px;
-  };
-  std::sort(order.begin(), order.end(),
-            [&](int a, int b) { return std::pair(-area(a), a) < std::pair(-area(b), b); });
-  for (const int i : order) {
-    if (!MeasureExpectedDot(dots[static_cast<std::size_t>(i)])) missing.push_back(i);
-  }
-  return missing;
+RingReading EdgePairRecognition::ReadRingOf(const TargetEdge& dot) {
+  if (family_.num_bits == 0) return {};
+  RingReading ring = ReadRing(sampler_, dot, family_, options_.direction);
+  // (a second chance for every ring would let prints of other families through)
+  if (IsVague(dot) && !ring.id && ring.status != RingStatus::kNoRing) ReadRingAgain(dot, &ring);
+  return ring;
 }
 
 void EdgePairRecognition::Add(const TargetEdge& edge, const TargetEdge& ring_dot) {
-  const Ellipse& e = edge.ellipse;
-  if (IsKnown(e, targets_, places_)) return;
+  if (!IsKnown(edge.ellipse, targets_, places_)) Add(Target{edge, ReadRingOf(ring_dot)});
+}
+
+void EdgePairRecognition::Add(const Target& target) {
+  const Ellipse& e = target.edge.ellipse;
   places_.Insert(e.x_px, e.y_px, static_cast<int>(targets_.size()));
-  Target target{edge, {}};
-  if (family_.num_bits > 0) {
-    target.ring = ReadRing(sampler_, ring_dot, family_, options_.direction);
-    // (a second chance for every ring would let prints of other families through)
-    const RingStatus status = target.ring.status;
-    if (IsVague(ring_dot) && !target.ring.id && status != RingStatus::kNoRing) {
-      ReadRingAgain(ring_dot, &target.ring);
-    }
-    rings_.Add(target);
-  }
+  if (family_.num_bits > 0) rings_.Add(target);
   targets_.push_back(target);
 }
 

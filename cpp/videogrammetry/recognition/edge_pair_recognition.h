@@ -12,6 +12,7 @@
 #include "videogrammetry/recognition/grey_sampler.h"
 #include "videogrammetry/recognition/options.h"
 #include "videogrammetry/recognition/place_index.h"
+#include "videogrammetry/recognition/ring_code.h"
 #include "videogrammetry/recognition/target.h"
 #include "videogrammetry/recognition/target_selection.h"
 
@@ -19,8 +20,8 @@ namespace videogrammetry {
 
 /// A dot as the picture before lets it be expected.
 struct ExpectedDot {
-  Ellipse ellipse;
-  double inside = 0.0, outside = 0.0;  ///< grey values, with the polarity's sign
+  TargetEdge edge;   ///< as it was measured, its centre where it is expected
+  RingReading ring;  ///< as it was read
 
   /// Whether it may be the same dot: axes change by a quarter at most.
   bool IsLike(const Ellipse& other) const;
@@ -90,15 +91,25 @@ class EdgePairRecognition {
     TargetEdge edge, found;
   };
 
+  /// What a fit may need beyond its start's ellipse and DotFitter's reach.
+  static constexpr double kMoreReachPx = 2.0;
+
   GreyWindow WindowOf(const EllipseFrame& frame, double more_px);
   std::optional<Start> BeginAt(const DotRegion& region, double blur_px, GreyWindow* window);
   std::optional<PictureModel> LearnFrom(const std::vector<DotRegion>& regions,
                                         const std::vector<int>& order);
-  std::optional<ModelFit> FitClear(const DotStart& dot, const GreyWindow& window);
+  bool IsClearlyDot(const ModelFit& fit) const;
+  std::optional<ModelFit> FitByModel(const DotStart& dot, const GreyWindow& window);
   std::optional<TargetEdge> EdgeOfDot(const ModelFit& fit, const EllipseFrame& frame);
   std::optional<TargetEdge> MeasureByModel(const Start& start, const GreyWindow& window);
   std::optional<DotStart> BeginAtExpected(const ExpectedDot& dot, GreyWindow* window);
+  std::optional<DotStart> LookAtExpected(const ExpectedDot& dot, GreyWindow* window);
+  std::optional<TargetEdge> FitExpected(const ExpectedDot& dot, const DotStart& start,
+                                        const GreyWindow& window);
+  std::optional<TargetEdge> FollowUnclear(const ExpectedDot& dot, const ModelFit& fit);
   bool MeasureExpectedDot(const ExpectedDot& dot);
+  bool AddExpected(const ExpectedDot& dot, const TargetEdge& edge);
+  void PrefetchExpected(const Ellipse& ellipse) const;
   std::optional<CannyDot> MeasureByLocalCanny(const DotStart& dot);
   std::optional<DotStart> CutOutLow(const DotStart& dot);
   std::optional<CannyDot> MeasureUnclearAt(const Start& start);
@@ -106,6 +117,8 @@ class EdgePairRecognition {
   void MeasureUnclear();
   /// @param ring_dot  the same dot as the ring is to be read by.
   void Add(const TargetEdge& edge, const TargetEdge& ring_dot);
+  void Add(const Target& target);
+  RingReading ReadRingOf(const TargetEdge& dot);
   void ReadRingAgain(const TargetEdge& dot, RingReading* ring);
   bool HasSize(const Ellipse& ellipse) const;
   /// Whether a target of much the same size is there.

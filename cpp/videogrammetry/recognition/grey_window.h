@@ -22,7 +22,7 @@ struct GreyWindow {
   int x0 = 0, y0 = 0;  ///< its first pixel's place in the picture
   int width = 0, height = 0;
   std::ptrdiff_t stride = 0;    ///< floats from row to row: a multiple of 16, more than width + 15
-  const float* data = nullptr;  ///< aligned to 64 bytes; beyond a row's end stands anything
+  const float* data = nullptr;  ///< beyond a row's end stands anything
 
   const float* row(int y) const { return data + (y - y0) * stride; }
   float operator()(int x, int y) const { return row(y)[x - x0]; }
@@ -43,6 +43,9 @@ class WindowReader {
   /// The window of pixels x0 ... x1, y0 ... y1 inclusive, clipped to the picture
   /// (width or height 0 where nothing is left). Valid until the next call.
   GreyWindow Read(int x0, int y0, int x1, int y1);
+  /// Has the memory of a window come near before it is read: a window's rows lie far apart, and
+  /// waiting for each takes longer than all that is done with it.
+  void Prefetch(int x0, int y0, int x1, int y1) const;
 
  private:
   void ReadRows(const ImageView8& view, const GreyWindow& window, int count, float* out) const;

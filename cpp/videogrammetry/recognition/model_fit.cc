@@ -62,6 +62,20 @@ Eigen::Vector2d NearestOn(const EllipseFrame& frame, const Eigen::Matrix2d& inve
   return u;
 }
 
+/// The contour's point nearest to a pixel: u, the outward normal there and the distance inward.
+struct Foot {
+  Eigen::Vector2d u, normal;
+  double distance = 0.0;
+};
+
+Foot FootAt(const EllipseFrame& frame, const Eigen::Matrix2d& inverse, const Eigen::Vector2d& p) {
+  Foot foot;
+  foot.u = NearestOn(frame, inverse, p);
+  foot.normal = frame.Normal(foot.u);
+  foot.distance = foot.normal.dot(frame.Point(foot.u) - p);
+  return foot;
+}
+
 /// Value and derivatives of Eqs. (1) to (3) at one pixel.
 struct Edge {
   double share = 0.0;  ///< F
@@ -116,7 +130,7 @@ class Fit {
   double light_ = 1.0;                      ///< prior deviation of its gradient
   double prior_scale_ = 1.0;                ///< variance that residuals are in units of
   std::vector<Pixel> pixels_;
-  Eigen::Matrix<double, Eigen::Dynamic, kNumParameters> rows_;
+  Eigen::Matrix<double, Eigen::Dynamic, kNumParameters, Eigen::RowMajor> rows_;
   Eigen::VectorXd residuals_, share_, variance_, weight_;
   Normal prior_ = Normal::Zero();  ///< weights of the priors
   Parameters prior_mean_ = Parameters::Zero();
@@ -180,12 +194,12 @@ void Fit::CollectPixels(const SignedImage<T>& image) {
     for (int x = x0; x <= x1; ++x) {
       const Eigen::Vector2d p(x, y), v = start_inverse_ * (p - frame_.center);
       const double radius = v.norm();
-      if (radius < deep) continue;
-      const Eigen::Vector2d u = NearestOn(frame_, start_inverse_, p);
-      const Eigen::Vector2d n = frame_.Normal(u);
-      const double outward = n.dot(p - frame_.Point(u));
+      // (a pixel is no nearer than along the minor axis)
+      if (radius < deep || (radius - 1.0) * start_.semi_minor_px > reach) continue;
+      const Foot foot = FootAt(frame_, start_inverse_, p);
+      const double outward = -foot.distance;
       // A ring begins at twice the radius: |E n| beyond the dot along n.
-      const double free = (frame_.shape * n).norm() - kRingReach * s;
+      const double free = (frame_.shape * foot.normal).norm() - kRingReach * s;
       const double most = std::min(reach, std::max(kLeastOutside * s, free));
       if (outward > most || (radius < 1.0 && -outward > reach)) continue;
       pixels_.push_back({p, v, static_cast<double>(image(x, y)), outward});
@@ -231,21 +245,20 @@ void Fit::Linearise() {
   const double area = frame_.shape.determinant(), s = values_[kBlur];
   for (std::size_t k = 0; k < pixels_.size(); ++k) {
     const Pixel& pixel = pixels_[k];
-    const Eigen::Vector2d u = NearestOn(frame_, inverse, pixel.at);
-    const Eigen::Vector2d n = frame_.Normal(u);
-    const double distance = n.dot(frame_.Point(u) - pixel.at);
+    const Foot foot = FootAt(frame_, inverse, pixel.at);
+    const Eigen::Vector2d &u = foot.u, &n = foot.normal;
     const double speed = (frame_.shape * Eigen::Vector2d(-u.y(), u.x())).norm();
     const double curvature = area / (speed * speed * speed);
     const double xx = n.x() * n.x(), yy = n.y() * n.y();
-    const Edge edge = EdgeAt(distance, curvature, (xx * xx + yy * yy) / 120.0, s);
+    const Edge edge = EdgeAt(foot.distance, curvature, (xx * xx + yy * yy) / 120.0, s);
     const Eigen::Vector3d ground(1.0, pixel.v.x(), pixel.v.y());
     const double in = ground.dot(values_.segment<3>(kInside));
     const double out = ground.dot(values_.segment<3>(kOutside));
     const auto i = static_cast<Eigen::Index>(k);
-    rows_.row(i).head<5>() = (in - out) * edge.by_distance * frame_.NormalJacobian(u);
-    rows_.row(i).segment<3>(kInside) = edge.share * ground.transpose();
-    rows_.row(i).segment<3>(kOutside) = (1.0 - edge.share) * ground.transpose();
-    rows_(i, kBlur) = (in - out) * edge.by_blur;
+    const double along = (in - out) * edge.by_distance, ax = along * n.x(), ay = along * n.y();
+    rows_.row(i) << ax, ay, ax * u.x(), ax * u.y() + ay * u.x(), ay * u.y(),
+        edge.share * ground.transpose(), (1.0 - edge.share) * ground.transpose(),
+        (in - out) * edge.by_blur;
     const double grey = out + (in - out) * edge.share;
     residuals_[i] = pixel.grey - grey;
     share_[i] = edge.share;
@@ -269,10 +282,13 @@ void Fit::WeighAndSum() {
   // Without a noise model the residuals say what the priors weigh against.
   prior_scale_ = picture_ ? 1.0 : std::max(1.0 / 12.0, robust * robust);
   const Normal prior = prior_scale_ * prior_;
-  const Eigen::Matrix<double, Eigen::Dynamic, kNumParameters> weighted =
-      weight_.asDiagonal() * rows_;
-  normal_ = rows_.transpose() * weighted + prior;
-  right_ = weighted.transpose() * residuals_ + prior * (prior_mean_ - values_);
+  normal_ = prior;
+  right_ = prior * (prior_mean_ - values_);
+  for (Eigen::Index i = 0; i < rows_.rows(); ++i) {
+    const Parameters row = rows_.row(i), weighted = weight_[i] * row;
+    for (int k = 0; k < kNumParameters; ++k) normal_.col(k) += weighted[k] * row;
+    right_ += residuals_[i] * weighted;
+  }
 }
 
 bool Fit::Iterate() {

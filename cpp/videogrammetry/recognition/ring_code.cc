@@ -183,7 +183,7 @@ void Look(const CodeFamily& family, ReadingDirection direction, std::uint32_t bi
 }  // namespace
 
 RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
-                     ReadingDirection direction, double* phase) {
+                     ReadingDirection direction) {
   RingReading reading;
   reading.status = RingStatus::kUnclear;
   RingCircle ring;
@@ -196,7 +196,8 @@ RingReading ReadRing(const RingSamples& samples, const CodeFamily& family,
   if (!IsUniform(samples, s) || !MeasureChanges(samples, ring, s, &changes)) return reading;
   const double mean = RemovePhase(&changes);
   if (!AgreeAcrossTheRing(samples, s, changes, static_cast<float>(mean))) return reading;
-  if (phase != nullptr) *phase = mean;
+  reading.bits = s.bits;
+  reading.phase_sectors = mean;
   const double foreign = ForeignProbability(changes, s.n);
   if (foreign > 1.0 - kLeastConfidence) return reading;
   reading.status = RingStatus::kUnclear;
@@ -248,7 +249,12 @@ RingReading ReadRing(const GreySampler& picture, const TargetEdge& dot, const Co
     reading.status = RingStatus::kRingCut;
     return reading;
   }
-  reading = ReadRing(samples, family, direction);
+  const auto read = [&] {
+    RingReading found = ReadRing(samples, family, direction);
+    found.phase_sectors += phase;
+    return found;
+  };
+  reading = read();
   if (reading.status != RingStatus::kUnclear && reading.status != RingStatus::kEdgesOff) {
     return reading;
   }
@@ -256,7 +262,7 @@ RingReading ReadRing(const GreySampler& picture, const TargetEdge& dot, const Co
   if (scale < kLeastScale) return reading;
   sampler.Scale(scale);
   if (!sampler.Sample(phase, &samples)) return reading;
-  const RingReading again = ReadRing(samples, family, direction);
+  const RingReading again = read();
   return again.id ? again : reading;
 }
 

@@ -114,7 +114,11 @@ bool RingSampler::Circle(const Turned& turned, double radius, int per_sector, fl
 }
 
 bool RingSampler::Middle(BesideCircle* values) const {
-  const double turn = -std::numbers::pi / (kBesidePerSector * family_.num_bits);
+  return MiddleFrom(-0.5 / kBesidePerSector, values);
+}
+
+bool RingSampler::MiddleFrom(double phase, BesideCircle* values) const {
+  const double turn = phase * 2 * std::numbers::pi / family_.num_bits;
   return Circle(Turned(*this, turn), 0.5 * (family_.ring_inner + family_.ring_outer),
                 kBesidePerSector, values->data());
 }

@@ -53,7 +53,11 @@ class RingSampler {
   /// first at t = 0, without half a step.
   /// @return false if the picture ends there.
   bool Middle(BesideCircle* values) const;
-  /// Between dot and ring, at the same directions.
+  /// The ring's middle at kBesidePerSector places a sector, the first sector beginning `phase`
+  /// sectors after t = 0.
+  /// @return false if the picture ends there.
+  bool MiddleFrom(double phase, BesideCircle* values) const;
+  /// Between dot and ring, at the directions of Middle.
   void Gap(BesideCircle* values) const;
   /// All around, the first sector beginning `phase` sectors after t = 0.
   /// @return false if the picture ends before the ring's inner circle.

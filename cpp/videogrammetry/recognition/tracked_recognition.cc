@@ -54,14 +54,14 @@ std::vector<Target> TrackedRecognizer::SearchExpected(
   std::vector<ExpectedDot> dots;
   for (const Track& track : tracks_) {
     dots.push_back(track.dot);
-    dots.back().ellipse.x_px = track.expected_x();
-    dots.back().ellipse.y_px = track.expected_y();
+    dots.back().edge.ellipse.x_px = track.expected_x();
+    dots.back().edge.ellipse.y_px = track.expected_y();
   }
   return RecognizeExpected(frame, options_, family_, *camera_, dots, windows);
 }
 
 SearchWindow TrackedRecognizer::WindowAround(const Track& track, double margin_px) const {
-  const double reach = track.dot.ellipse.semi_major_px + margin_px + kGroundPx;
+  const double reach = track.dot.edge.ellipse.semi_major_px + margin_px + kGroundPx;
   return {static_cast<int>(std::floor(track.expected_x() - reach)),
           static_cast<int>(std::floor(track.expected_y() - reach)),
           static_cast<int>(std::ceil(track.expected_x() + reach)),
@@ -76,7 +76,7 @@ std::vector<int> TrackedRecognizer::Follow(const std::vector<Target>& targets, i
   for (std::size_t i = 0; i < targets.size(); ++i) {
     const TargetEdge& edge = targets[i].edge;
     index.Insert(edge.ellipse.x_px, edge.ellipse.y_px, static_cast<int>(i));
-    next->push_back({{edge.ellipse, edge.inside, edge.outside}, 0.0, 0.0});
+    next->push_back({{edge, targets[i].ring}, 0.0, 0.0});
   }
   std::vector<int> lost;
   for (std::size_t k = 0; k < tracks_.size(); ++k) {
@@ -98,8 +98,8 @@ std::vector<int> TrackedRecognizer::Follow(const std::vector<Target>& targets, i
       continue;
     }
     Track& moved = (*next)[static_cast<std::size_t>(nearest)];
-    moved.step_x = moved.dot.ellipse.x_px - track.dot.ellipse.x_px;
-    moved.step_y = moved.dot.ellipse.y_px - track.dot.ellipse.y_px;
+    moved.step_x = moved.dot.edge.ellipse.x_px - track.dot.edge.ellipse.x_px;
+    moved.step_y = moved.dot.edge.ellipse.y_px - track.dot.edge.ellipse.y_px;
   }
   return lost;
 }

@@ -32,16 +32,17 @@ struct TrackedFrame {
 /// expected.
 ///
 /// A target is expected where it would be if it went on as between the last two frames.
-/// With the estimator "model" it is measured from there by the fit of the whole frame's
-/// search, so that it is the one which that gives but for where the two fits end, which depends
-/// a little on where they begin: a tenth of its sigma as a rule, up to a quarter where one of
-/// them has weighed an outlying pixel and the other, ended by its first step, has not. A target
-/// that is not found so or is none clearly, and with other estimators all of them, is searched for
-/// in a window around its place by the rule of the whole frame's search: bit for bit the same,
-/// unless clutter that reaches into the window lets the search begin at another chord of the dot.
-/// Where a target is not found, a window three times as wide is searched; if it is not there
-/// either, the whole frame is, and so is every `full_every`-th, and one after a frame without
-/// targets. Rings are read in every frame, known or not. Method "edge-pair" alone.
+/// With the estimator "model" it is measured from there by the fits of the whole frame's search,
+/// clear dots by the fast one and unclear ones by FitModel, so that it is the one which that gives
+/// but for where the two fits begin: they use other pixels of the plateaus and end a little apart,
+/// a twentieth of its sigma as a rule, seldom more than a quarter. A target that is not found so,
+/// and with other estimators all of them, is searched for in a window around its place by the rule
+/// of the whole frame's search: bit for bit the same, unless clutter that reaches into the window
+/// lets the search begin at another chord of the dot. Where a target is not found, a window three
+/// times as wide is searched; if it is not there either, the whole frame is, and so is every
+/// `full_every`-th, and one after a frame without targets. A ring that was read before is looked
+/// at in every frame whether it is still the same (FollowRing), all others are read as in a whole
+/// search. Method "edge-pair" alone.
 class TrackedRecognizer {
  public:
   /// @param camera  learned from the first frame with targets if it is not given.
@@ -61,8 +62,8 @@ class TrackedRecognizer {
     ExpectedDot dot;
     double step_x = 0.0, step_y = 0.0;
 
-    double expected_x() const { return dot.ellipse.x_px + step_x; }
-    double expected_y() const { return dot.ellipse.y_px + step_y; }
+    double expected_x() const { return dot.edge.ellipse.x_px + step_x; }
+    double expected_y() const { return dot.edge.ellipse.y_px + step_y; }
   };
 
   std::vector<Target> SearchWhole(const FrameView& frame);

@@ -2,15 +2,16 @@
 
 namespace videogrammetry {
 
-void WindowPicture::Refine(const PictureModel* picture, TargetEdge* edge) const {
+bool WindowPicture::Refine(const PictureModel* picture, TargetEdge* edge) const {
   TargetEdge local = *edge;
   local.ellipse = Inwards(edge->ellipse);
   const auto fit = FitModel(image_, local, picture);
-  if (!fit || HasLeft(local.ellipse, fit->ellipse)) return;
+  if (!fit || HasLeft(local.ellipse, fit->ellipse)) return false;
   edge->ellipse = Outwards(fit->ellipse);
   edge->cov = fit->cov;
   edge->inside = fit->inside;
   edge->outside = fit->outside;
+  return true;
 }
 
 std::vector<std::uint16_t> WindowPicture::Samples(const GreyWindow& window, int sign) {

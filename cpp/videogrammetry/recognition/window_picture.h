@@ -31,7 +31,8 @@ class WindowPicture {
   Ellipse Outwards(Ellipse e) const { return Moved(e, 1); }
 
   /// Measures an edge anew by FitModel; if that fails or leaves it, it stays.
-  void Refine(const PictureModel* picture, TargetEdge* edge) const;
+  /// @return whether it was measured.
+  bool Refine(const PictureModel* picture, TargetEdge* edge) const;
 
  private:
   static std::vector<std::uint16_t> Samples(const GreyWindow& window, int sign);

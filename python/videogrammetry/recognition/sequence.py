@@ -8,6 +8,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from queue import SimpleQueue
@@ -28,6 +29,7 @@ from videogrammetry.recognition.learning import (
     same_depth_runs,
 )
 from videogrammetry.recognition.options import RecognitionOptions, TrackedOptions
+from videogrammetry.recognition.packed import PackedFrame
 from videogrammetry.recognition.recognize import CoreFrame, checked_frame, core_recognizer
 from videogrammetry.recognition.tracked import Follower, core_tracker
 from videogrammetry.types import PackedSamples, Targets
@@ -40,8 +42,10 @@ _FIELDS = tuple(Targets.__dataclass_fields__)
 #: that threads with an easy frame do not wait long for one with a hard one.
 _RUN_PX = 1 << 20
 _LEAST_RUN = 4
-#: Of frames that are followed: some milliseconds of work too.
+#: Of frames that are followed: some milliseconds of work too, and of those that are read
+#: no more than this many bytes and a frame.
 _FOLLOWED_RUN = 32
+_HELD_BYTES = 1 << 24
 
 Found = TypeVar("Found")
 
@@ -107,9 +111,9 @@ def recognize_sequence(
     it was learned from say for themselves.
 
     The result does not depend on the number of threads. Of a sequence that is
-    read, each thread holds one frame and no frame waits, so that memory does
-    not grow with the sequence. Frames in memory are used where they stand;
-    those that are not rows of native uint8 or uint16 are copied, a run of
+    read, each thread holds one frame and no frame waits (with ``track`` a few small
+    ones, 16 MB), so that memory does not grow with the sequence. Frames in memory are
+    used where they stand; those that are not rows of native uint8 or uint16 are copied, a run of
     frames (about a million pixels or four frames a thread) at a time.
 
     With ``track`` targets are followed: the frames are taken one after the other
@@ -345,11 +349,12 @@ def _of_followed(
     done = 0
     from_source = hasattr(frames, "read")
     while done < len(numbers):
-        run = numbers[done : done + (1 if from_source else _FOLLOWED_RUN)]
+        run = numbers[done : done + _FOLLOWED_RUN]
         if from_source:
-            parts += _of_source_frame(
-                frames, run[0], options, lambda frame: follower.recognize([frame])
-            )
+            held = _held_run(frames, run, options)
+            run = run[: len(held)]
+            with _named(frames, run[0]):
+                parts += follower.recognize(held)
         else:
             parts += follower.recognize(_checked_run(frames, run))
         for _ in run:
@@ -358,14 +363,35 @@ def _of_followed(
     return parts
 
 
+def _held_run(source: Frames, run: range, options: RecognitionOptions) -> list[CoreFrame]:
+    """The next frames of a source: one, and more as long as they are small."""
+    held: list[CoreFrame] = []
+    size = 0
+    for index in run:
+        with _named(source, index):
+            frame = read_frame(source, index, options)
+            held.append(checked_frame(frame))
+        size += (frame.data if isinstance(frame, PackedFrame) else frame).nbytes
+        if size > _HELD_BYTES:
+            break
+    return held
+
+
 def _of_source_frame(
     source: Frames,
     index: int,
     options: RecognitionOptions,
     recognize: Callable[[CoreFrame], Found],
 ) -> Found:
-    try:
+    with _named(source, index):
         return recognize(checked_frame(read_frame(source, index, options)))
+
+
+@contextmanager
+def _named(source: Frames, index: int) -> Iterator[None]:
+    """Names the frame in what is raised."""
+    try:
+        yield
     except (SequenceError, ValueError, OSError) as error:
         name = source.name(index) if hasattr(source, "name") else f"frame {index + 1}"
         if isinstance(error, SequenceError) and name in str(error):

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <random>
 #include <vector>
@@ -7,6 +8,7 @@
 #include "videogrammetry/recognition/bilinear.h"
 #include "videogrammetry/recognition/gradient_mask.h"
 #include "videogrammetry/recognition/grey_sampler.h"
+#include "videogrammetry/recognition/grey_window.h"
 
 namespace videogrammetry {
 namespace {
@@ -153,6 +155,41 @@ TEST(GreySamplerTest, GivesTheSameBitsForEverySetAndDepthUpToThePicturesEnd) {
       const double value = (1 - b) * ((1 - a) * at(i, j) + a * at(i + 1, j)) +
                            b * ((1 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
       EXPECT_NEAR(expected[0], -value, 255.0 * 16 / (1 << 24));
+    }
+  }
+}
+
+TEST(WindowReaderTest, WindowsHoldTheSamplesOfEveryDepth) {
+  constexpr int kWidth = 74, kHeight = 40;
+  std::mt19937 random(5);
+  std::uniform_int_distribution<int> grey(0, 4095);
+  std::vector<std::uint16_t> pixels(kWidth * kHeight);
+  for (auto& pixel : pixels) pixel = static_cast<std::uint16_t>(grey(random));
+  const auto high = Packed(pixels, PackedOrder::kHighFirst);
+  const auto low = Packed(pixels, PackedOrder::kLowFirst);
+  const FrameView frames[] = {ImageView16(pixels.data(), kWidth, kHeight),
+                              Packed12View(high.data(), kWidth, kHeight, PackedOrder::kHighFirst),
+                              Packed12View(low.data(), kWidth, kHeight, PackedOrder::kLowFirst)};
+  for (const FrameView& frame : frames) {
+    for (const InstructionSet set : kSets) {
+      if (set > DetectInstructionSet()) continue;
+      WindowReader reader(frame, -1, set);
+      // All places in a row, narrow and wide, up to the picture's last byte and beyond.
+      for (const int y0 : {-2, 0, 11, kHeight - 3}) {
+        for (int x0 = -3; x0 < kWidth; ++x0) {
+          for (const int width : {1, 7, 16, 17, 33}) {
+            reader.Prefetch(x0, y0, x0 + width - 1, y0 + 4);
+            const GreyWindow window = reader.Read(x0, y0, x0 + width - 1, y0 + 4);
+            for (int y = std::max(0, y0); y < std::min(kHeight, y0 + 5); ++y) {
+              for (int x = std::max(0, x0); x < std::min(kWidth, x0 + width); ++x) {
+                ASSERT_EQ(window(x, y),
+                          -static_cast<float>(pixels[static_cast<std::size_t>(y * kWidth + x)]))
+                    << x << " " << y << " " << InstructionSetName(set);
+              }
+            }
+          }
+        }
+      }
     }
   }
 }

@@ -6,7 +6,9 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <numbers>
 #include <numeric>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -206,11 +208,11 @@ struct Drawing {
 };
 
 Drawing Draw(const std::vector<int>& bits, double semi_minor_px, double ring_inner = 2.0,
-             double ring_outer = 3.0) {
+             double ring_outer = 3.0, double turn_rad = 1.234) {
   testing::Drawn shape;
   shape.ellipse = {44.3, 45.2, 10.0, semi_minor_px, 0.6};
   shape.bits = bits;
-  shape.turn_rad = 1.234;
+  shape.turn_rad = turn_rad;
   shape.ring_inner = ring_inner, shape.ring_outer = ring_outer;
   Drawing drawing{testing::Render(90, 90, {shape}, 3000.0, 300.0, 20.0), {}};
   drawing.dot.ellipse = shape.ellipse;
@@ -262,6 +264,64 @@ TEST(RingCodeTest, ACutRingIsSaid) {
   }
   drawing.picture.pixels = pixels;
   EXPECT_EQ(ReadDrawing(drawing, Family()).status, RingStatus::kRingCut);
+}
+
+/// A drawing of a code turned on by some sectors.
+Drawing DrawTurned(std::uint32_t code, double sectors, double semi_minor_px = 8.0) {
+  const double turn_rad = 1.234 + sectors * 2.0 * std::numbers::pi / 14.0;
+  return Draw(testing::Bits(code, 14), semi_minor_px, 2.0, 3.0, turn_rad);
+}
+
+std::optional<RingReading> Follow(const Drawing& drawing, const RingReading& before) {
+  return FollowRing(GreySampler(drawing.picture.view(), 1), drawing.dot, Family(), before);
+}
+
+TEST(FollowRingTest, FindsTheSameRingWhereItHasTurnedTo) {
+  for (std::size_t i = 0; i < Family().codes.size(); i += 29) {
+    for (const double minor : {10.0, 6.0, 4.0}) {
+      const RingReading before = ReadDrawing(DrawTurned(Family().codes[i], 0.0, minor), Family());
+      ASSERT_EQ(before.id, static_cast<int>(i) + 1);
+      for (const double sectors : {-0.15, -0.06, 0.0, 0.1, 0.15}) {
+        const auto now = Follow(DrawTurned(Family().codes[i], sectors, minor), before);
+        ASSERT_TRUE(now) << i << " " << minor << " " << sectors;
+        EXPECT_EQ(now->id, before.id);
+        EXPECT_EQ(now->confidence, before.confidence);
+        // Samples a quarter of a sector apart place a sharp edge to a sixth of that.
+        EXPECT_NEAR(now->phase_sectors - before.phase_sectors, sectors, 0.045) << minor;
+      }
+    }
+  }
+}
+
+TEST(FollowRingTest, FollowsARingAllAroundWithoutDrift) {
+  RingReading ring = ReadDrawing(DrawTurned(Family().codes[100], 0.0), Family());
+  const double first = ring.phase_sectors;
+  for (int k = 1; k <= 160; ++k) {
+    const auto now = Follow(DrawTurned(Family().codes[100], 0.1 * k), ring);
+    ASSERT_TRUE(now) << k;
+    ring = *now;
+  }
+  EXPECT_NEAR(ring.phase_sectors - first, 16.0, 0.045);
+}
+
+TEST(FollowRingTest, WhatIsNotTheSameIsNotTakenForIt) {
+  const RingReading before = ReadDrawing(DrawTurned(Family().codes[100], 0.0), Family());
+  ASSERT_TRUE(before.id);
+  EXPECT_FALSE(Follow(DrawTurned(Family().codes[100], 0.35), before));
+  EXPECT_FALSE(Follow(DrawTurned(Family().codes[100], 1.0), before));
+  EXPECT_FALSE(Follow(Draw({}, 8.0), before));
+  // Any other code, a sector more or less among them.
+  for (std::uint32_t bit = 0; bit < 14; ++bit) {
+    EXPECT_FALSE(Follow(DrawTurned(Family().codes[100] ^ (1u << bit), 0.0), before)) << bit;
+  }
+  for (std::size_t i = 0; i < Family().codes.size(); i += 7) {
+    if (i == 100) continue;
+    EXPECT_FALSE(Follow(DrawTurned(Family().codes[i], 0.0), before)) << i;
+  }
+  // What was no ID is read anew.
+  RingReading unclear = before;
+  unclear.status = RingStatus::kUnclear;
+  EXPECT_FALSE(Follow(DrawTurned(Family().codes[100], 0.0), unclear));
 }
 
 /// Whether two codes are the same print, turned: as sectors of both numbers' multiple.

@@ -167,4 +167,15 @@ std::vector<int> EdgePairRecognition::MeasureExpected(const std::vector<Expected
   return missing;
 }
 
+KnownParts EdgePairRecognition::MeasuredParts() const {
+  // Of a dot its blurred edge too; a ring ends before the next target's begins.
+  constexpr double kDot = 1.25, kBeyondRing = 0.1;
+  KnownParts parts(reader_.width(), reader_.height());
+  for (const Target& target : targets_) {
+    const bool has_ring = target.ring.status == RingStatus::kCoded;
+    parts.Add(target.edge.ellipse, has_ring ? family_.ring_outer + kBeyondRing : kDot);
+  }
+  return parts;
+}
+
 }  // namespace videogrammetry

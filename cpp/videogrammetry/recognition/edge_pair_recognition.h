@@ -76,6 +76,9 @@ class EdgePairRecognition {
   /// @return numbers of those that were not found or are no clear dots.
   std::vector<int> MeasureExpected(const std::vector<ExpectedDot>& dots);
 
+  /// Where targets are that have been measured, with their rings: nothing else is there.
+  KnownParts MeasuredParts() const;
+
   /// @return the targets in the order of their centres' y, then x.
   std::vector<Target> Measure(const std::vector<DotRegion>& regions);
 

@@ -64,8 +64,9 @@ template <Storage kStorage>
 class EdgePairSearch {
  public:
   EdgePairSearch(const SampleRows& rows, const EdgeThreshold& threshold,
-                 const std::array<double, 2>& diameter_px)
+                 const std::array<double, 2>& diameter_px, const KnownParts* known)
       : rows_(rows),
+        known_(known != nullptr && !known->empty() ? known : nullptr),
         samples_(rows),
         threshold_(threshold),
         min_diameter_(diameter_px[0]),
@@ -187,6 +188,7 @@ class EdgePairSearch {
   }
 
   void TakeChord(const Pair& pair, const ScannedRow& scanned) {
+    if (known_ != nullptr && known_->Holds(Middle(pair), y_)) return;
     // Bit i belongs to the window's pixel i + 1.
     const int rise = RunStart(Rises(scanned), pair.rise) + 1 + left_;
     const int fall = RunEnd(Falls(scanned), pair.fall) + 1 + left_;
@@ -220,6 +222,7 @@ class EdgePairSearch {
     });
   }
 
+  int Middle(const Pair& pair) const { return (pair.rise + pair.fall) / 2 + 1 + left_; }
   static int RoundedX(const Star& star) { return static_cast<int>(star.x + 0.5f); }
   static int RoundedY(const Star& star) { return static_cast<int>(star.y + 0.5f); }
 
@@ -239,7 +242,7 @@ class EdgePairSearch {
   std::optional<Chord> MeasureChord(const Pair& pair, int rise, int fall) const {
     Chord chord;
     chord.y = y_;
-    chord.middle = (pair.rise + pair.fall) / 2 + 1 + left_;
+    chord.middle = Middle(pair);
     chord.length = (pair.length() + fall - rise) / 2;
     if (chord.middle < 1 || chord.middle + 1 >= rows_.width) return std::nullopt;
     const int a = samples_(chord.middle - 1, y_), b = samples_(chord.middle, y_),
@@ -286,6 +289,7 @@ class EdgePairSearch {
   }
 
   const SampleRows& rows_;
+  const KnownParts* const known_;
   const Samples<kStorage> samples_;
   const EdgeThreshold threshold_;
   const double min_diameter_, max_diameter_;
@@ -314,11 +318,28 @@ class EdgePairSearch {
 
 }  // namespace
 
+void KnownParts::Add(const Ellipse& e, double radii) {
+  const double c = std::cos(e.angle_rad), s = std::sin(e.angle_rad);
+  const double a = 1.0 / std::pow(radii * e.semi_major_px, 2),
+               b = 1.0 / std::pow(radii * e.semi_minor_px, 2);
+  index_.Insert(e.x_px, e.y_px, static_cast<int>(parts_.size()));
+  parts_.push_back({e.x_px, e.y_px, a * c * c + b * s * s, (a - b) * c * s, a * s * s + b * c * c});
+  reach_px_ = std::max(reach_px_, radii * e.semi_major_px);
+}
+
+bool KnownParts::Holds(double x_px, double y_px) const {
+  return index_.AnyNear(x_px, y_px, reach_px_, [&](int number) {
+    const Part& p = parts_[static_cast<std::size_t>(number)];
+    const double x = x_px - p.x, y = y_px - p.y;
+    return p.sxx * x * x + 2.0 * p.sxy * x * y + p.syy * y * y < 1.0;
+  });
+}
+
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
                                       EdgeThreshold threshold,
                                       const std::vector<SearchWindow>& windows,
-                                      InstructionSet set) {
+                                      const KnownParts* known, InstructionSet set) {
   const SampleRows rows(frame, sign, set);
   const auto search = [&](auto&& in_storage) {
     for (SearchWindow window : windows) {
@@ -333,13 +354,15 @@ std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
   };
   switch (rows.storage) {
     case edge_pair::kBytes:
-      return search(EdgePairSearch<edge_pair::kBytes>(rows, threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kBytes>(rows, threshold, diameter_px, known));
     case edge_pair::kWords:
-      return search(EdgePairSearch<edge_pair::kWords>(rows, threshold, diameter_px));
+      return search(EdgePairSearch<edge_pair::kWords>(rows, threshold, diameter_px, known));
     case edge_pair::kPackedHighFirst:
-      return search(EdgePairSearch<edge_pair::kPackedHighFirst>(rows, threshold, diameter_px));
+      return search(
+          EdgePairSearch<edge_pair::kPackedHighFirst>(rows, threshold, diameter_px, known));
     default:
-      return search(EdgePairSearch<edge_pair::kPackedLowFirst>(rows, threshold, diameter_px));
+      return search(
+          EdgePairSearch<edge_pair::kPackedLowFirst>(rows, threshold, diameter_px, known));
   }
 }
 
@@ -349,7 +372,7 @@ std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
   const int width = FrameWidth(frame), height = FrameHeight(frame);
   if (width < 3 || height < 3) return {};
   const std::vector<SearchWindow> whole = {{0, 0, width - 1, height - 1}};
-  return FindDotRegions(frame, sign, diameter_px, threshold, whole, set);
+  return FindDotRegions(frame, sign, diameter_px, threshold, whole, nullptr, set);
 }
 
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,

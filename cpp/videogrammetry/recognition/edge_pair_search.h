@@ -4,9 +4,11 @@
 #include <vector>
 
 #include "videogrammetry/core/cpu.h"
+#include "videogrammetry/geometry/conic.h"
 #include "videogrammetry/recognition/contour.h"
 #include "videogrammetry/recognition/gradient_threshold.h"
 #include "videogrammetry/recognition/grey_window.h"
+#include "videogrammetry/recognition/place_index.h"
 
 namespace videogrammetry {
 
@@ -60,12 +62,34 @@ struct SearchWindow {
   int left = 0, top = 0, right = -1, bottom = -1;
 };
 
+/// Parts of a picture where all is known already: ellipses, some radii wide.
+class KnownParts {
+ public:
+  KnownParts(int width, int height) : index_(width, height) {}  ///< of the picture
+
+  void Add(const Ellipse& ellipse, double radii);
+  bool Holds(double x_px, double y_px) const;
+  bool empty() const { return parts_.empty(); }
+
+ private:
+  struct Part {
+    double x, y, sxx, sxy, syy;
+  };
+
+  std::vector<Part> parts_;
+  double reach_px_ = 0.0;
+  PlaceIndex index_;
+};
+
 /// The same in parts of the picture: the areas that have a chord there, from the rows that
 /// the whole picture's search looks at. Where windows overlap, an area may come twice.
+///
+/// @param known  may be null; chords whose middle is in there are passed over.
 std::vector<DotRegion> FindDotRegions(const FrameView& frame, int sign,
                                       const std::array<double, 2>& diameter_px,
                                       EdgeThreshold threshold,
                                       const std::vector<SearchWindow>& windows,
+                                      const KnownParts* known = nullptr,
                                       InstructionSet set = DetectInstructionSet());
 
 /// The same with the frame's own threshold.

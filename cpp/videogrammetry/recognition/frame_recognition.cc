@@ -69,7 +69,7 @@ constexpr int kHigherThreshold = 3;
 /// contrast breaks its chords where the threshold follows faint edges.
 void AddAreas(const FrameView& frame, const RecognitionOptions& options,
               std::initializer_list<int> thresholds, const std::vector<SearchWindow>& windows,
-              std::vector<DotRegion>* areas) {
+              const KnownParts* known, std::vector<DotRegion>* areas) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
   PlaceIndex index(FrameWidth(frame), FrameHeight(frame));
   const auto enter = [&](std::size_t i) {
@@ -79,14 +79,14 @@ void AddAreas(const FrameView& frame, const RecognitionOptions& options,
   for (std::size_t i = 0; i < areas->size(); ++i) enter(i);
   for (const int higher : thresholds) {
     for (const DotRegion& area :
-         FindDotRegions(frame, sign, options.diameter_px, higher, windows)) {
+         FindDotRegions(frame, sign, options.diameter_px, higher, windows, known)) {
       const ContourMoments& m = area.moments;
       // The very same one: another level may make a dot of what was none.
-      const bool known = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
+      const bool is_there = index.AnyNear(m.mean_x, m.mean_y, 0.1, [&](int number) {
         const double other = (*areas)[static_cast<std::size_t>(number)].moments.area;
         return std::abs(m.area - other) < 0.01 * other;
       });
-      if (known) continue;
+      if (is_there) continue;
       areas->push_back(area);
       enter(areas->size() - 1);
     }
@@ -95,8 +95,9 @@ void AddAreas(const FrameView& frame, const RecognitionOptions& options,
 
 /// Each finds some that the others do not: where its threshold meets the texture's steps.
 void AddTexturedAreas(const FrameView& frame, const RecognitionOptions& options, int threshold,
-                      const std::vector<SearchWindow>& windows, std::vector<DotRegion>* areas) {
-  AddAreas(frame, options, {threshold, kHigherThreshold * threshold}, windows, areas);
+                      const std::vector<SearchWindow>& windows, const KnownParts* known,
+                      std::vector<DotRegion>* areas) {
+  AddAreas(frame, options, {threshold, kHigherThreshold * threshold}, windows, known, areas);
 }
 
 /// The search's threshold by a camera's model. (What hides in its noise where dots are
@@ -109,12 +110,13 @@ EdgeThreshold ThresholdOf(const CameraModel& camera, int sign) {
 /// The areas that may be dots, by a camera's model.
 std::vector<DotRegion> FindAreas(const FrameView& frame, const RecognitionOptions& options,
                                  const CameraModel& camera,
-                                 const std::vector<SearchWindow>& windows) {
+                                 const std::vector<SearchWindow>& windows,
+                                 const KnownParts* known = nullptr) {
   const int sign = options.polarity == Polarity::kWhiteOnBlack ? 1 : -1;
   const EdgeThreshold threshold = ThresholdOf(camera, sign);
-  auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold, windows);
+  auto areas = FindDotRegions(frame, sign, options.diameter_px, threshold, windows, known);
   if (camera.second_threshold != 0) {
-    AddTexturedAreas(frame, options, camera.second_threshold, windows, &areas);
+    AddTexturedAreas(frame, options, camera.second_threshold, windows, known, &areas);
   }
   return areas;
 }
@@ -141,9 +143,9 @@ std::vector<Target> RecognizeByEdgePairs(const FrameView& frame, const Recogniti
     recognition.Learn(areas);
     if (!recognition.picture() || recognition.inside() == DotInside::kTextured) {
       second = kHigherThreshold * threshold;
-      AddTexturedAreas(frame, options, second, windows, &areas);
+      AddTexturedAreas(frame, options, second, windows, nullptr, &areas);
     } else if (recognition.inside() == DotInside::kNoisy) {
-      AddAreas(frame, options, {recognition.inside_threshold()}, windows, &areas);
+      AddAreas(frame, options, {recognition.inside_threshold()}, windows, nullptr, &areas);
     }
     if (!recognition.picture()) recognition.Learn(areas);
   }
@@ -207,9 +209,12 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
 std::vector<Target> RecognizeExpected(const FrameView& frame, const RecognitionOptions& options,
                                       const CodeFamily& family, const CameraModel& camera,
                                       const std::vector<ExpectedDot>& dots,
-                                      const std::vector<SearchWindow>& windows) {
+                                      const std::vector<SearchWindow>& windows,
+                                      Elsewhere elsewhere) {
+  const bool whole = elsewhere == Elsewhere::kSearched;
   if (options.estimator != Estimator::kModel || FrameWidth(frame) < 3 || FrameHeight(frame) < 3) {
-    return RecognizeFrame(frame, options, family, &camera, windows, nullptr);
+    const auto& parts = whole ? WholeFrame(frame) : windows;
+    return RecognizeFrame(frame, options, family, &camera, parts, nullptr);
   }
   EdgePairRecognition recognition(frame, options, family, camera.gradient_threshold);
   recognition.SetPicture(camera.picture);
@@ -218,7 +223,12 @@ std::vector<Target> RecognizeExpected(const FrameView& frame, const RecognitionO
     left.push_back(windows[static_cast<std::size_t>(i)]);
   }
   std::vector<DotRegion> areas;
-  if (!left.empty()) areas = FindAreas(frame, options, camera, left);
+  if (whole) {
+    const KnownParts known = recognition.MeasuredParts();
+    areas = FindAreas(frame, options, camera, WholeFrame(frame), &known);
+  } else if (!left.empty()) {
+    areas = FindAreas(frame, options, camera, left);
+  }
   std::vector<Target> targets = recognition.Measure(areas);
   SelectByRings(family, frame, &targets);
   return targets;

@@ -26,6 +26,9 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
                                    const std::vector<SearchWindow>& windows,
                                    std::optional<CameraModel>* learned);
 
+/// What is done with a frame beyond where targets are expected.
+enum class Elsewhere { kLeftOut, kSearched };
+
 /// Recognises the targets of a frame by the method kEdgePair where they are expected.
 ///
 /// What FitModel's fast fit measures (the estimator kModel) needs no search. For all other
@@ -35,6 +38,7 @@ std::vector<Target> RecognizeFrame(const FrameView& frame, const RecognitionOpti
 std::vector<Target> RecognizeExpected(const FrameView& frame, const RecognitionOptions& options,
                                       const CodeFamily& family, const CameraModel& camera,
                                       const std::vector<ExpectedDot>& dots,
-                                      const std::vector<SearchWindow>& windows);
+                                      const std::vector<SearchWindow>& windows,
+                                      Elsewhere elsewhere);
 
 }  // namespace videogrammetry

@@ -4,10 +4,6 @@
 #include <cstdint>
 #include <type_traits>
 
-#if defined(_M_X64)
-#include <xmmintrin.h>
-#endif
-
 #include "videogrammetry/recognition/grey_window_kernels.h"
 
 namespace videogrammetry {
@@ -23,13 +19,9 @@ const grey_window::Kernels& KernelsOf([[maybe_unused]] InstructionSet set) {
   return grey_window::BaselineKernels();
 }
 
-void PrefetchLine([[maybe_unused]] const char* address) {
-#if defined(__GNUC__)
-  __builtin_prefetch(address);
-#elif defined(_M_X64)
-  _mm_prefetch(address, _MM_HINT_T0);
-#endif
-}
+/// A load whose value nobody waits for. (A prefetch is dropped where the page's place is not
+/// known yet, which of a mapped recording is most often so.)
+void Touch(const char* address) { static_cast<void>(*static_cast<const volatile char*>(address)); }
 
 }  // namespace
 
@@ -125,8 +117,8 @@ void WindowReader::Prefetch(int x0, int y0, int x1, int y1) const {
             from = x0 * static_cast<std::ptrdiff_t>(sizeof(*view.row(y)));
             to = x1 * static_cast<std::ptrdiff_t>(sizeof(*view.row(y)));
           }
-          for (std::ptrdiff_t at = from; at < to; at += kLineBytes) PrefetchLine(row + at);
-          PrefetchLine(row + to);
+          for (std::ptrdiff_t at = from; at < to; at += kLineBytes) Touch(row + at);
+          Touch(row + to);
         }
       },
       frame_);

@@ -15,6 +15,8 @@ namespace {
 constexpr double kGroundPx = 5.0;
 /// How much wider the window of a target is that was not found in its own.
 constexpr double kWider = 3.0;
+/// Frames after which the whole one is searched as if nothing were known.
+constexpr std::int64_t kFoundAnewEvery = 100;
 
 }  // namespace
 
@@ -49,15 +51,17 @@ std::vector<Target> TrackedRecognizer::SearchWhole(const FrameView& frame) {
   return RecognizeFrame(frame, options_, family_, &*camera_, WholeFrame(frame), nullptr);
 }
 
-std::vector<Target> TrackedRecognizer::SearchExpected(
-    const FrameView& frame, const std::vector<SearchWindow>& windows) const {
+std::vector<Target> TrackedRecognizer::SearchExpected(const FrameView& frame,
+                                                      const std::vector<SearchWindow>& windows,
+                                                      bool whole) const {
   std::vector<ExpectedDot> dots;
   for (const Track& track : tracks_) {
     dots.push_back(track.dot);
     dots.back().edge.ellipse.x_px = track.expected_x();
     dots.back().edge.ellipse.y_px = track.expected_y();
   }
-  return RecognizeExpected(frame, options_, family_, *camera_, dots, windows);
+  return RecognizeExpected(frame, options_, family_, *camera_, dots, windows,
+                           whole ? Elsewhere::kSearched : Elsewhere::kLeftOut);
 }
 
 SearchWindow TrackedRecognizer::WindowAround(const Track& track, double margin_px) const {
@@ -108,33 +112,35 @@ TrackedFrame TrackedRecognizer::Next(const FrameView& frame) {
   TrackedFrame result;
   const int width = FrameWidth(frame), height = FrameHeight(frame);
   std::vector<Track> next;
-  result.full = !camera_ || tracks_.empty() || frame_ % tracked_.full_every == 0;
-  ++frame_;
   std::vector<int> lost;
-  if (result.full) {
+  const auto search_whole = [&] {
+    result.full = true;
+    found_anew_ = frame_;
     result.targets = SearchWhole(frame);
     lost = Follow(result.targets, width, height, &next);
+  };
+  result.full = !camera_ || tracks_.empty() || frame_ % tracked_.full_every == 0;
+  const bool anew = !camera_ || tracks_.empty() || frame_ - found_anew_ >= kFoundAnewEvery;
+  if (result.full && anew) {
+    search_whole();
   } else {
     std::vector<SearchWindow> windows;
     for (const Track& track : tracks_) windows.push_back(WindowAround(track, tracked_.margin_px));
-    result.targets = SearchExpected(frame, windows);
+    result.targets = SearchExpected(frame, windows, result.full);
     lost = Follow(result.targets, width, height, &next);
-    if (!lost.empty()) {
+    if (!lost.empty() && !result.full) {
       for (const int k : lost) {
         windows[static_cast<std::size_t>(k)] =
             WindowAround(tracks_[static_cast<std::size_t>(k)], kWider * tracked_.margin_px);
       }
-      result.targets = SearchExpected(frame, windows);
+      result.targets = SearchExpected(frame, windows, false);
       lost = Follow(result.targets, width, height, &next);
     }
-    if (!lost.empty()) {
-      // It may be anywhere, and others with it: everything has moved, or another scene began.
-      // What a whole search does not find is gone, and looked for again when its turn comes.
-      result.full = true;
-      result.targets = SearchWhole(frame);
-      lost = Follow(result.targets, width, height, &next);
-    }
+    // It may be anywhere, and others with it: everything has moved, or another scene began.
+    // What a whole search does not find is gone, and looked for again when its turn comes.
+    if (!lost.empty()) search_whole();
   }
+  ++frame_;
   result.lost = static_cast<int>(lost.size());
   tracks_ = std::move(next);
   return result;

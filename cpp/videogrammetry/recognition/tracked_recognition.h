@@ -12,7 +12,8 @@ namespace videogrammetry {
 
 /// How targets are followed from frame to frame.
 struct TrackedOptions {
-  /// Every so many frames the whole frame is searched, for what is new; 1: always.
+  /// Every so many frames the whole frame is searched, for what is new; 1: always. What is
+  /// known is followed there too, and at least every 100 frames found anew.
   int full_every = 100;
   /// How far a target may be from where it is expected, pixels; 1 ... 1000.
   double margin_px = 4.0;
@@ -39,8 +40,9 @@ struct TrackedFrame {
 /// and with other estimators all of them, is searched for in a window around its place by the rule
 /// of the whole frame's search: bit for bit the same, unless clutter that reaches into the window
 /// lets the search begin at another chord of the dot. Where a target is not found, a window three
-/// times as wide is searched; if it is not there either, the whole frame is, and so is every
-/// `full_every`-th, and one after a frame without targets. A ring that was read before is looked
+/// times as wide is searched; if it is not there either, the whole frame is, and so is one after a
+/// frame without targets, and one every hundred. Every `full_every`-th frame is searched beside
+/// the targets that are followed. A ring that was read before is looked
 /// at in every frame whether it is still the same (FollowRing), all others are read as in a whole
 /// search. Method "edge-pair" alone.
 class TrackedRecognizer {
@@ -68,7 +70,7 @@ class TrackedRecognizer {
 
   std::vector<Target> SearchWhole(const FrameView& frame);
   std::vector<Target> SearchExpected(const FrameView& frame,
-                                     const std::vector<SearchWindow>& windows) const;
+                                     const std::vector<SearchWindow>& windows, bool whole) const;
   SearchWindow WindowAround(const Track& track, double margin_px) const;
   std::vector<int> Follow(const std::vector<Target>& targets, int width, int height,
                           std::vector<Track>* next) const;
@@ -78,7 +80,7 @@ class TrackedRecognizer {
   TrackedOptions tracked_;
   std::optional<CameraModel> camera_;
   std::vector<Track> tracks_;
-  std::int64_t frame_ = 0;
+  std::int64_t frame_ = 0, found_anew_ = 0;  ///< the next one, and the last without followed ones
 };
 
 }  // namespace videogrammetry

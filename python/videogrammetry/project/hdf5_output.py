@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -27,7 +27,7 @@ class Hdf5Output:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._file = Path(path).open("x+b", buffering=0)
+        self._file = io.FileIO(path, "x+")
         self._at = 0
         self._error: OSError | None = None
         self._unwritten: list[tuple[int, bytes]] = []

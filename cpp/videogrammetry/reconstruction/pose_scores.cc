@@ -14,6 +14,7 @@ constexpr int kAll = kNumCameraParameters;
 template <int N>
 using Rows2 = Eigen::Matrix<double, 2, N>;
 using Pose = Eigen::Matrix<double, kPose, kPose>;
+using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Derivatives of rotation vector and translation by turn about and shift of the centre:
 /// with t = -R c, dt = w x t - R d.
@@ -38,7 +39,26 @@ class Sums {
  public:
   Sums(const Rig& rig, const LookResiduals& residuals)
       : rig_(rig), in_(residuals), cameras_(rig.size()), sights_(rig.size()) {
-    for (const OrientedCamera& camera : rig) of_motion_.push_back(PoseOfMotion(camera));
+    const auto c = static_cast<Eigen::Index>(cameras_);
+    const auto rank = static_cast<Eigen::Index>(in_.rank);
+    const Eigen::Map<const Matrix> factor(in_.factor, kAll * c, rank);
+    by_poses_.resize(kPose * c, rank);
+    for (Eigen::Index k = 0; k < c; ++k) {
+      of_motion_.push_back(PoseOfMotion(rig[static_cast<std::size_t>(k)]));
+      by_poses_.middleRows<kPose>(kPose * k) =
+          of_motion_.back().inverse() * factor.middleRows<kPose>(kAll * k + kNumInterior);
+      free_begin_.push_back(free_.size());
+      for (int i = 0; i < kNumInterior; ++i) {
+        if (rank > 0 && !factor.row(kAll * k + i).isZero(0.0)) free_.push_back(i);
+      }
+    }
+    free_begin_.push_back(free_.size());
+    by_interior_.resize(static_cast<Eigen::Index>(free_.size()), rank);
+    for (Eigen::Index k = 0; k < c; ++k) {
+      for (std::size_t i = FreeBegin(k); i < FreeBegin(k + 1); ++i) {
+        by_interior_.row(static_cast<Eigen::Index>(i)) = factor.row(kAll * k + free_[i]);
+      }
+    }
   }
 
   void Look(std::size_t look, double* normal, double* score, double* chi2, double* effect) {
@@ -48,10 +68,11 @@ class Sums {
     const auto n = static_cast<Eigen::Index>(end - begin);
     Matrix sums = Matrix::Zero(kPose * c, kPose * c);
     Eigen::Map<Eigen::VectorXd> g(score, kPose * c);
-    Matrix crossed = effect != nullptr ? Matrix::Zero(kPose * c, kAll * c) : Matrix();
+    const auto free = static_cast<Eigen::Index>(free_.size());
+    Matrix crossed = effect != nullptr ? Matrix::Zero(kPose * c, free) : Matrix();
     const bool known = in_.cov_mm2 != nullptr;
     poses_.setZero(known ? 0 : 3 * n, kPose * c);
-    cameras_part_.setZero(known || effect == nullptr ? 0 : 3 * n, kAll * c);
+    interior_.setZero(known || effect == nullptr ? 0 : 3 * n, free);
     double rest = 0.0;
     for (std::size_t p = begin; p < end; ++p) {
       const Eigen::Matrix3d h = See(p);
@@ -63,29 +84,34 @@ class Sums {
         g.segment<kPose>(kPose * k).noalias() += sight.by_pose.transpose() * sight.residual;
         chi2[k] += sight.residual.squaredNorm();
         if (effect != nullptr) {
-          crossed.block<kPose, kAll>(kPose * k, kAll * k).noalias() +=
-              sight.by_pose.transpose() * sight.by_camera;
+          for (std::size_t i = FreeBegin(k); i < FreeBegin(k + 1); ++i) {
+            crossed.block<kPose, 1>(kPose * k, static_cast<Eigen::Index>(i)).noalias() +=
+                sight.by_pose.transpose() * sight.by_camera.col(free_[i]);
+          }
         }
       }
       if (!known) rest += Eliminate(h, 3 * static_cast<Eigen::Index>(p - begin), effect, g);
     }
     if (!known) {
       sums.selfadjointView<Eigen::Lower>().rankUpdate(poses_.transpose(), -1.0);
-      if (effect != nullptr) crossed.noalias() -= poses_.transpose() * cameras_part_;
+      if (effect != nullptr) crossed.noalias() -= poses_.transpose() * interior_;
       double total = -rest;
       for (Eigen::Index k = 0; k < c; ++k) total += chi2[k];
       for (Eigen::Index k = 0; k < c; ++k) chi2[k] = total;
     }
-    Eigen::Map<Matrix>(normal, kPose * c, kPose * c) = sums.selfadjointView<Eigen::Lower>();
+    sums = Matrix(sums.selfadjointView<Eigen::Lower>());
+    Eigen::Map<Matrix>(normal, kPose * c, kPose * c) = sums;
     if (effect != nullptr) {
-      const auto rank = static_cast<Eigen::Index>(in_.rank);
-      Eigen::Map<Matrix>(effect, kPose * c, rank).noalias() =
-          crossed * Eigen::Map<const Matrix>(in_.factor, kAll * c, rank);
+      Eigen::Map<Matrix> by(effect, kPose * c, by_poses_.cols());
+      by.noalias() = crossed * by_interior_;
+      by.noalias() += sums * by_poses_;
     }
   }
 
  private:
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  std::size_t FreeBegin(Eigen::Index camera) const {
+    return free_begin_[static_cast<std::size_t>(camera)];
+  }
 
   /// Fills `sights_` with those of a point; returns J'WJ.
   Eigen::Matrix3d See(std::size_t point) {
@@ -134,7 +160,10 @@ class Sums {
       poses_.block<3, kPose>(row, kPose * k).noalias() = shared * sight.by_pose;
       v.noalias() += shared * sight.residual;
       if (effect != nullptr) {
-        cameras_part_.block<3, kAll>(row, kAll * k).noalias() = shared * sight.by_camera;
+        for (std::size_t i = FreeBegin(k); i < FreeBegin(k + 1); ++i) {
+          interior_.block<3, 1>(row, static_cast<Eigen::Index>(i)).noalias() =
+              shared * sight.by_camera.col(free_[i]);
+        }
       }
     }
     g.noalias() -= poses_.middleRows<3>(row).transpose() * v;
@@ -146,7 +175,12 @@ class Sums {
   std::size_t cameras_;
   std::vector<Pose> of_motion_;
   std::vector<Sight> sights_;
-  Matrix poses_, cameras_part_;
+  Matrix poses_, interior_;  ///< what points take: U, and the same of free interior parameters
+  /// Interior parameters that are not held, camera by camera, and where each camera's begin.
+  std::vector<int> free_;
+  std::vector<std::size_t> free_begin_;
+  /// F of the motions (B M^-1 F = A F of the poses), and of the free interior parameters.
+  Matrix by_poses_, by_interior_;
 };
 
 }  // namespace

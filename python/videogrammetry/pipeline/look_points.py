@@ -105,8 +105,7 @@ def _back_by_place(table: ResidualTable, targets: LookTargets, rig: RigData) -> 
 def _lost_looks(table: ResidualTable, seen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """(K, C) where a camera has part in less than half of a look's points."""
     looks = int(table.look.max(initial=-1)) + 1
-    count = np.zeros((looks, seen.shape[1]))
-    np.add.at(count, table.look, seen)
+    count = np.stack([np.bincount(table.look[of], minlength=looks) for of in seen.T], axis=1)
     total = np.bincount(table.look, minlength=looks)
     return (count < 0.5 * total[:, None]) & (total[:, None] >= _LEAST_BACK)
 

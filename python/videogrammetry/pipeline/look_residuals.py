@@ -20,10 +20,12 @@ class LookTargets:
         num_stages, cameras = record.target_count.shape
         self.look_of = np.full(num_stages, -1, dtype=np.int32)
         self.look_of[looked] = np.arange(len(looked))
-        place = np.repeat(np.arange(num_stages * cameras), record.target_count.reshape(-1))
-        rows = np.flatnonzero(self.look_of[place // cameras] >= 0)
-        place = place[rows]
-        self.look, self.camera = self.look_of[place // cameras], place % cameras
+        count = record.target_count[looked].reshape(-1)
+        offsets = np.concatenate([[0], np.cumsum(record.target_count.sum(axis=1))])
+        begins = offsets[looked] - np.concatenate([[0], np.cumsum(count)])[:-1:cameras]
+        place = np.repeat(np.arange(len(count)), count)
+        self.look, self.camera = place // cameras, place % cameras
+        rows = np.arange(len(place)) + begins[self.look]
         self.point, self.code = record.target_point[rows], record.code_id[rows]
         self.status = record.match_status[rows]
         self.centre_px, self.residual_px = record.centre_px[rows], record.residual_px[rows]
@@ -58,10 +60,10 @@ class ResidualTable:
         residual_px: FloatArray,
     ) -> None:
         """The residuals of targets, those of the cameras in which they are seen."""
-        camera = targets.camera[rows]
-        self.residual_px[point, camera] = residual_px
-        self.variance_px2[point, camera] = targets.variance_px2[rows]
-        self.systematic[point, camera] = targets.systematic[rows]
+        place = point * self.systematic.shape[1] + targets.camera[rows]
+        self.residual_px.reshape(-1, 2)[place] = residual_px
+        self.variance_px2.reshape(-1, 2)[place] = targets.variance_px2[rows]
+        self.systematic.reshape(-1)[place] = targets.systematic[rows]
 
     def more(self, look: IntArray, position_mm: FloatArray) -> None:
         """Further points, not seen yet."""

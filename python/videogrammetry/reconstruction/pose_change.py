@@ -121,6 +121,8 @@ def change_of(
         roll = found.s[:, 2] ** 2 / np.maximum(sums.n[:, 2, 2], 1e-12) / noise
         six = quadratic(found.s, sums.n) / noise
         explained = np.maximum(six, roll + (criticals[1] - criticals[0]))
+    # Where the others' poses are free, nothing may be left that says of one.
+    explained = np.nan_to_num(explained, nan=0.0)
     order = np.argsort(-explained, kind="stable")
     best = order[0]
     margin = max(_APART, _APART_SHARE * float(explained[best]))

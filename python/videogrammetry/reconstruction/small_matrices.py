@@ -6,7 +6,9 @@ import numpy as np
 
 from videogrammetry.types import FloatArray
 
-_RIDGE = 1e-9
+#: What is added to the diagonals, against their mean and in itself: of a picture's motion by
+#: pixels that is knowledge of 1000 of them.
+_RIDGE, _NOTHING = 1e-9, 1e-6
 
 
 def quadratic(s: FloatArray, cov: FloatArray) -> FloatArray:
@@ -17,7 +19,7 @@ def quadratic(s: FloatArray, cov: FloatArray) -> FloatArray:
 
     Examples
     --------
-    >>> quadratic(np.array([[3.0, 4.0]]), np.diag([1.0, 4.0])[None]).round(6).tolist()
+    >>> quadratic(np.array([[3.0, 4.0]]), np.diag([1.0, 4.0])[None]).round(3).tolist()
     [13.0]
     """
     size = s.shape[1]
@@ -25,13 +27,14 @@ def quadratic(s: FloatArray, cov: FloatArray) -> FloatArray:
     work = np.empty((size + 1, size, len(s)))
     work[:size] = np.moveaxis(cov, 0, -1)
     work[size] = s.T
-    diagonal = work[np.arange(size), np.arange(size)]
-    work[np.arange(size), np.arange(size)] += _RIDGE * diagonal.mean(axis=0) + 1e-12
-    # What rounding has made of a direction without information is not divided by.
-    least = _RIDGE * 1e-3 * diagonal.mean(axis=0) + 1e-15
+    mean = np.abs(work[np.arange(size), np.arange(size)]).mean(axis=0)
+    ridge = _RIDGE * mean + _NOTHING
+    work[np.arange(size), np.arange(size)] += ridge
     for j in range(size):
         below = work[j:, j]
         if j:
             below -= np.einsum("ikm,km->im", work[j:, :j], work[j, :j])
-        below /= np.sqrt(np.maximum(below[0], least))
+        # Rounding can leave less of a direction without information than was added to it.
+        there = below[0] > 0.1 * ridge
+        below *= np.where(there, 1 / np.sqrt(np.where(there, below[0], 1.0)), 0.0)
     return np.asarray(np.einsum("km,km->m", work[size], work[size]))

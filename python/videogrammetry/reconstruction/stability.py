@@ -56,7 +56,7 @@ _REFERENCE, _LEAST = 40, 2
 #: Window of the series that are kept, and every how many looks.
 _SERIES, _SERIES_EVERY = 16, 4
 #: Looks that are tested at once: the same result, in less time.
-_TOGETHER = 64
+_TOGETHER = 128
 
 
 def critical_chi2(level: float, freedom: int = 6) -> float:

@@ -88,7 +88,7 @@ def num_tests(num_looks: int, cameras: int) -> int:
     Examples
     --------
     >>> num_tests(2500, 4)
-    103600
+    100000
     """
     in_sequence = sum(num_looks // _stride(width) for width in WINDOWS)
     # Against the calibration the windows end where so many looks have been taken.

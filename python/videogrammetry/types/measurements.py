@@ -117,12 +117,12 @@ class TargetRecords:
 class CameraSeries:
     """How far every camera seems to have moved since the first stages.
 
-    Every camera by itself, as if it alone had; over the last eight looks (of the first the
-    later half, against the earlier), against the first sixteen; NaN at the first look.
+    Every camera by itself, as if it alone had; over the last 16 looks (of the first the
+    later half, against the earlier), against the first 40; NaN at the first look.
 
     Attributes
     ----------
-    stage : (K,) of the looks.
+    stage : (K,) of every fourth look.
     turn_rad, shift_mm : (K, C, 3) turn about the projection centre, as a rotation vector
         on the left of cam_from_world, and the centre's shift in the rig's frame;
         sigma_turn_rad, sigma_shift_mm : their standard deviations.

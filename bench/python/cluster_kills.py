@@ -4,7 +4,7 @@ A LocalCluster of some processes measures a rendered project of three cameras; e
 one of the workers gets kill -9. The datasets are compared, byte for byte, with those that
 threads give.
 
-    python bench/python/cluster_kills.py [--stages 20000] [--workers 4] [--every 2]
+    python bench/python/cluster_kills.py [--stages 20000] [--workers 4] [--every 2] [--kills N]
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from videogrammetry.project import Project, read_project
 class Killer(threading.Thread):
     """Kills one worker after the other, the next every so many seconds."""
 
-    def __init__(self, cluster: Any, every_s: float) -> None:
+    def __init__(self, cluster: Any, every_s: float, most: int) -> None:
         super().__init__(daemon=True)
-        self._cluster, self._every_s = cluster, every_s
+        self._cluster, self._every_s, self._most = cluster, every_s, most
         self.ended = threading.Event()
         self.killed = 0
 
     def run(self) -> None:
         turn = 0
-        while not self.ended.wait(self._every_s):
+        while self.killed < self._most and not self.ended.wait(self._every_s):
             # Those at work: one that is killed while it begins its nanny gives up.
             named = {info["name"] for info in self._cluster.scheduler_info["workers"].values()}
             there = {name: w for name, w in self._cluster.workers.items() if name in named}
@@ -69,6 +69,7 @@ def main() -> int:
     parser.add_argument("--stages", type=int, default=20000)
     parser.add_argument("--workers", type=int, default=4)
     parser.add_argument("--every", type=float, default=2.0, help="seconds between kills")
+    parser.add_argument("--kills", type=int, default=sys.maxsize, help="no more than so many")
     parser.add_argument("--folder", type=Path, help="where the project is made")
     args = parser.parse_args()
     rows = []
@@ -84,7 +85,7 @@ def main() -> int:
                 memory_limit=0,
                 silence_logs="CRITICAL",
             ) as cluster:
-                killer = Killer(cluster, args.every)
+                killer = Killer(cluster, args.every, args.kills)
                 if kills:
                     killer.start()
                 with Client(cluster) as client:

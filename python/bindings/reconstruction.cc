@@ -6,6 +6,7 @@
 #include <string>
 
 #include "bindings.h"
+#include "videogrammetry/reconstruction/pose_scores.h"
 #include "videogrammetry/reconstruction/triangulate.h"
 
 namespace py = pybind11;
@@ -105,6 +106,41 @@ py::array_t<double> PointDerivativeArray(const Rig& rig, const Array<std::int64_
                               static_cast<py::ssize_t>(rig.size()) * kNumCameraParameters});
 }
 
+py::dict PoseScoreArrays(const Rig& rig, const Array<std::int64_t>& offsets,
+                         const Array<double>& position_mm, const Array<double>& residual_px,
+                         const Array<double>& variance_px2, const Array<double>& cov_mm2,
+                         const Array<double>& factor) {
+  const auto c = static_cast<py::ssize_t>(rig.size());
+  const auto k = std::max<py::ssize_t>(offsets.size() - 1, 0);
+  const py::ssize_t p = offsets.size() > 0 ? offsets.at(k) : 0;
+  if (position_mm.size() != 3 * p || residual_px.size() != 2 * p * c ||
+      variance_px2.size() != 2 * p * c) {
+    throw std::invalid_argument(
+        "position_mm: expected (P, 3), residual_px and variance_px2: (P, C, 2) for "
+        "offsets (K + 1,) up to P");
+  }
+  const py::ssize_t rank = factor.ndim() == 2 ? factor.shape(1) : 0;
+  if (factor.size() != kNumCameraParameters * c * rank) {
+    throw std::invalid_argument("factor: expected (16 C, R)");
+  }
+  const LookResiduals residuals = {{offsets.data(), static_cast<std::size_t>(offsets.size())},
+                                   position_mm.data(),
+                                   residual_px.data(),
+                                   variance_px2.data(),
+                                   RowsOrNull(cov_mm2, p, 9, "cov_mm2"),
+                                   factor.data(),
+                                   static_cast<std::size_t>(rank)};
+  PoseScores scores;
+  {
+    const py::gil_scoped_release release;
+    scores = SumPoseScores(rig, residuals);
+  }
+  return py::dict("normal"_a = Shaped(scores.normal, {k, 6 * c, 6 * c}),
+                  "score"_a = Shaped(scores.score, {k, 6 * c}),
+                  "chi2"_a = Shaped(scores.chi2, {k, c}),
+                  "by_calibration"_a = Shaped(scores.by_calibration, {k, 6 * c, rank}));
+}
+
 }  // namespace
 
 void BindReconstruction(py::module_& parent) {
@@ -117,6 +153,9 @@ void BindReconstruction(py::module_& parent) {
   m.def("point_derivatives", &PointDerivativeArray, "rig"_a, "offsets"_a.noconvert(),
         "camera"_a.noconvert(), "cov_px2"_a.noconvert(), "position_mm"_a.noconvert(),
         "frame_by_parameters"_a, "num_threads"_a);
+  m.def("pose_scores", &PoseScoreArrays, "rig"_a, "offsets"_a.noconvert(),
+        "position_mm"_a.noconvert(), "residual_px"_a.noconvert(), "variance_px2"_a.noconvert(),
+        "cov_mm2"_a.noconvert(), "factor"_a.noconvert());
   m.def(
       "shared_frame_motion",
       [](const Rig& rig, const Array<std::int64_t>& offsets, const Array<std::int32_t>& camera,

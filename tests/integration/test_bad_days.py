@@ -100,6 +100,31 @@ def test_a_disk_that_is_full_when_the_file_is_written(small, expected, small_dis
     assert datasets(project.measurement_path) == expected
 
 
+@pytest.mark.skipif(os.name != "posix", reason="a limit of a file's size is POSIX's")
+def test_a_disk_that_fills_while_the_file_is_written(small, expected) -> None:
+    project = read_project(small)
+    parts = small.parent / "measurement.parts"
+    # A part has 290 kB, the whole file 2.3 MB; Python takes the signal for an error.
+    limited = "import resource, runpy, sys; sys.argv = ['videogrammetry', 'measure', sys.argv[1]]; "
+    limited += "resource.setrlimit(resource.RLIMIT_FSIZE, (BYTES, resource.RLIM_INFINITY)); "
+    limited += "runpy.run_module('videogrammetry', run_name='__main__')"
+    for limit in (500_000, 1_500_000, 2_200_000):
+        command = [sys.executable, "-c", limited.replace("BYTES", str(limit)), str(small)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 1  # and not by a signal
+        said = done.stderr.splitlines()[-1]
+        assert "measurement.h5 cannot be written (File too large" in said
+        assert "all stages are measured and kept: make room" in said
+        assert len(list(parts.glob("*.npz"))) == 4
+        assert not list(small.parent.glob(".measurement*.part*"))
+        assert not project.measurement_path.exists()
+    told: list[int] = []
+    measure_to_file(project, progress=lambda done, total, what="": told.append(total))
+    assert not told  # nothing is measured again
+    assert datasets(project.measurement_path) == expected
+    project.measurement_path.unlink()
+
+
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
 def test_a_damaged_part_is_measured_anew(small, expected, monkeypatch, damage) -> None:
     project = read_project(small)

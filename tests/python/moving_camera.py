@@ -19,6 +19,8 @@ from videogrammetry.reconstruction.stability import PoseWatch
 from videogrammetry.types import RigCamera, RigData
 
 SIGMA_PX, DISTANCE_MM = 0.02, 4000.0
+#: Of so many stages one is looked at, as in a measurement.
+EVERY = 4
 
 
 def ring_rig(count: int, rng: np.random.Generator, *, sigma: float = 1.0) -> RigData:
@@ -91,9 +93,25 @@ def intersected(triangulator: Triangulator, xy, sigma_px=SIGMA_PX):
     return found["position_mm"], residual
 
 
+def residuals_of(place, residual, looks=1) -> PointResiduals:
+    """Of as many points at every look, one look after the other."""
+    return PointResiduals(
+        look=np.repeat(np.arange(looks), len(place) // looks),
+        position_mm=place,
+        residual_px=residual,
+        variance_px2=np.full(residual.shape, SIGMA_PX**2),
+        systematic=np.zeros(residual.shape[:2]),
+    )
+
+
+def scale_of(cameras: int):
+    """(C, 6) what of every pose parameter moves the picture by about a pixel."""
+    return np.tile([1 / 2650] * 3 + [DISTANCE_MM / 2650] * 3, (cameras, 1))
+
+
 def watched(
     seed, *, cameras=4, stages=1000, at=0, camera=1, turn_rad=(1e-4, 0, 0), sigma=0.2,
-    points=50, every=10, swing_mm=20.0, bend_mm=50.0, covariance=True, spoil=None,
+    points=50, every=EVERY, swing_mm=20.0, bend_mm=50.0, covariance=True, spoil=None,
 ):  # fmt: skip
     """A watch that has seen a sequence; from stage ``at`` (from 1) on a camera is turned.
 
@@ -108,9 +126,8 @@ def watched(
     later = turned(truth, camera, turn_rad)
     position = body(rng, points, stages, swing_mm=swing_mm, bend_mm=bend_mm)
     triangulator, factor = Triangulator(rig), calibration_factor(rig)
-    scale = np.tile([1 / 2650] * 3 + [DISTANCE_MM / 2650] * 3, (cameras, 1))
     looked = np.arange(1, stages + 1, every)
-    watch = PoseWatch(scale, len(looked))
+    watch = PoseWatch(scale_of(cameras), len(looked))
     for part in np.array_split(looked, max(len(looked) // 10, 1)):
         xy = np.stack(
             [
@@ -122,13 +139,7 @@ def watched(
             for stage, of_stage in zip(part, xy, strict=True):
                 spoil(stage, of_stage)
         place, residual = intersected(triangulator, xy.reshape(-1, cameras, 2))
-        residuals = PointResiduals(
-            look=np.repeat(np.arange(len(part)), points),
-            position_mm=place,
-            residual_px=residual,
-            variance_px2=np.full(residual.shape, SIGMA_PX**2),
-            systematic=np.zeros(residual.shape[:2]),
-        )
+        residuals = residuals_of(place, residual, len(part))
         watch.add(part, camera_scores(rig, residuals, len(part), factor))
     watch.finish()
     return watch

@@ -91,6 +91,44 @@ def stations(
     return np.array(rotations), np.array(translations)
 
 
+def sighted(camera, rotation, translation, position, normal):
+    """Points that a picture shows, facing it and inside it, and where."""
+    sight = -rotation.T @ translation - position
+    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+    pixel = project(camera, position @ rotation.T + translation)
+    with np.errstate(invalid="ignore"):
+        seen = np.sum(sight * normal, axis=1) > _MAX_TILT
+        seen &= ((pixel > 5) & (pixel < np.array(SIZE_PX) - 6)).all(axis=1)
+    point = np.flatnonzero(seen)
+    return point, pixel[point]
+
+
+def as_network(count, num_coded, noise_px, f_start, image, point, xy) -> NetworkInput:
+    """Pictures of one camera whose interior is not known, nor any point."""
+    return NetworkInput(
+        cameras=(
+            NetworkCamera(
+                name="hand",
+                image_size_px=SIZE_PX,
+                interior=np.r_[np.nan if f_start is None else f_start, np.zeros(9)],
+                r0_px=default_r0_px(SIZE_PX),
+            ),
+        ),
+        images=tuple(NetworkImage(name=f"IMG_{k + 1:03d}", camera=0) for k in range(count)),
+        points=NetworkPoints(
+            name=tuple(str(k + 1) for k in range(num_coded)),
+            position_mm=np.full((num_coded, 3), np.nan),
+            kind=np.full(num_coded, "free"),
+        ),
+        observations=NetworkObservations(
+            image=image.astype(np.int32),
+            point=point.astype(np.int32),
+            xy_px=xy,
+            cov_px2=np.tile([noise_px**2, 0.0, noise_px**2], (len(xy), 1)),
+        ),
+    )
+
+
 def photographs(
     seed: int,
     *,
@@ -130,15 +168,8 @@ def photographs(
     )  # fmt: skip
     image, identity, xy = [], [], []
     for k in range(count):
-        in_cam = position @ rotation[k].T + translation[k]
-        sight = -rotation[k].T @ translation[k] - position
-        sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-        pixel = project(camera, in_cam)
-        with np.errstate(invalid="ignore"):
-            seen = np.sum(sight * normal, axis=1) > _MAX_TILT
-            seen &= ((pixel > 5) & (pixel < np.array(SIZE_PX) - 6)).all(axis=1)
-        point = np.flatnonzero(seen)
-        pixel = pixel[point] + rng.normal(0, noise_px, (len(point), 2))
+        point, pixel = sighted(camera, rotation[k], translation[k], position, normal)
+        pixel = pixel + rng.normal(0, noise_px, (len(point), 2))
         if clutter:
             point = np.concatenate([point, np.full(clutter, -1)])
             spots = rng.uniform([5, 5], np.array(SIZE_PX) - 6, (clutter, 2))
@@ -157,28 +188,7 @@ def photographs(
         a, b = rng.choice(rows, 2, replace=False)
         point[[a, b]] = point[[b, a]]
         wrong[[a, b]] = True
-    network = NetworkInput(
-        cameras=(
-            NetworkCamera(
-                name="hand",
-                image_size_px=SIZE_PX,
-                interior=np.r_[np.nan if f_start is None else f_start, np.zeros(9)],
-                r0_px=camera.r0_px,
-            ),
-        ),
-        images=tuple(NetworkImage(name=f"IMG_{k + 1:03d}", camera=0) for k in range(count)),
-        points=NetworkPoints(
-            name=tuple(str(k + 1) for k in range(num_coded)),
-            position_mm=np.full((num_coded, 3), np.nan),
-            kind=np.full(num_coded, "free"),
-        ),
-        observations=NetworkObservations(
-            image=image.astype(np.int32),
-            point=point.astype(np.int32),
-            xy_px=xy,
-            cov_px2=np.tile([noise_px**2, 0.0, noise_px**2], (len(xy), 1)),
-        ),
-    )
+    network = as_network(count, num_coded, noise_px, f_start, image, point, xy)
     truth = Truth(
         position=position, normal=normal, num_coded=num_coded, identity=identity, wrong=wrong,
         rotation=rotation, translation=translation, interior=interior,

@@ -87,23 +87,9 @@ def calibration_run(
     used = table.used
     of = {name: used & (table.camera == index) for index, name in enumerate(names)}
     adjustments = [s.adjustment for s in outcome.solutions]
-    redundancy = sum(a.redundancy for a in adjustments)
     target_redundancy = sum(a.point_redundancy for a in adjustments)
     of_points = sum(a.point_factor * a.point_redundancy for a in adjustments)
-    squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
-    sigma0 = float(np.sqrt(squares / redundancy))
-    how = {
-        "method": options.method, "options": asdict(options), "sigma0": sigma0,
-        "redundancy": redundancy, "unknowns": sum(a.num_unknowns for a in adjustments),
-        "image_coordinates": sum(a.num_observations for a in adjustments),
-        "rms_px": rms_px(table.residual_px[used]), **outcome.statistics,
-    }  # fmt: skip
-    if extra is not None:
-        how["additional_points"] = {
-            "fixed_to": extra.mode,
-            "points": len(extra),
-            "observations": len(extra.observations),
-        }
+    how = _how(options, outcome, rms_px(table.residual_px[used]), extra)
     kept = {
         names[camera]: s.bundle.network.free(index)
         for s in outcome.solutions
@@ -122,9 +108,9 @@ def calibration_run(
             normal=target.normal, diameter_mm=target.diameter_mm,
         ),
         observations=table,
-        sigma0=sigma0,
+        sigma0=how["sigma0"],
         rms_px=how["rms_px"],
-        redundancy=redundancy,
+        redundancy=how["redundancy"],
         num_unknowns=how["unknowns"],
         num_observations=how["image_coordinates"],
         camera_rms_px={name: rms_px(table.residual_px[mask]) for name, mask in of.items()},
@@ -147,6 +133,29 @@ def calibration_run(
         bars=outcome.bars,
         additional=extra,
     )  # fmt: skip
+
+
+def _how(
+    options: CalibrationOptions, outcome: Outcome, rms: float, extra: AdditionalPoints | None
+) -> dict[str, Any]:
+    """Method, options and statistics, as the rig's file keeps them."""
+    adjustments = [s.adjustment for s in outcome.solutions]
+    redundancy = sum(a.redundancy for a in adjustments)
+    squares = sum(a.sigma0**2 * a.redundancy for a in adjustments)
+    how = {
+        "method": options.method, "options": asdict(options),
+        "sigma0": float(np.sqrt(squares / redundancy)),
+        "redundancy": redundancy, "unknowns": sum(a.num_unknowns for a in adjustments),
+        "image_coordinates": sum(a.num_observations for a in adjustments),
+        "rms_px": rms, **outcome.statistics,
+    }  # fmt: skip
+    if extra is not None:
+        how["additional_points"] = {
+            "fixed_to": extra.mode,
+            "points": len(extra),
+            "observations": len(extra.observations),
+        }
+    return how
 
 
 def _of_target(solutions: Sequence[Solution], count: int) -> npt.NDArray[np.bool_]:

@@ -38,7 +38,7 @@ from videogrammetry.project import (
     read_rig,
     read_scale_bars,
 )
-from videogrammetry.project.schema import START_NAMES
+from videogrammetry.project.camera_sections import START_NAMES
 from videogrammetry.recognition import RecognitionOptions, recognize_sequence
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.types import (

@@ -236,7 +236,7 @@ def finish_file(
         stability=linked.stability.series if linked.stability else None,
     )
     table = StageTable(linked.totals, layout.warnings)
-    # Asked beforehand, because HDF5 does not survive a full disk.
+    # Asked beforehand, so that no minutes are spent on what cannot end well.
     needed = least_bytes(linked, chunks_of(*job.stages))
     if shutil.disk_usage(project.folder).free < needed:
         raise _no_room(project, f"at least {needed / 1e6:.1f} MB are needed")
@@ -245,8 +245,8 @@ def finish_file(
             _assemble(job, store, linked, plan, TeeSink(writer, table))
     except VideogrammetryError:
         raise
-    except (OSError, RuntimeError) as error:  # HDF5 has its own kinds of a full disk
-        raise _no_room(project, str(error).splitlines()[0]) from error
+    except OSError as error:
+        raise _no_room(project, error.strerror or str(error).splitlines()[0]) from error
     store.remove()
     return table
 

@@ -11,6 +11,7 @@ from videogrammetry.project.atomic import (
     write_bytes,
     write_text,
 )
+from videogrammetry.project.camera_sections import CameraSection, InterfaceSection
 from videogrammetry.project.csv_table import format_csv, read_csv, write_csv
 from videogrammetry.project.lock import one_at_a_time
 from videogrammetry.project.measurement_file import (
@@ -34,8 +35,6 @@ from videogrammetry.project.result_tables import (
 from videogrammetry.project.rig_file import read_rig, write_rig
 from videogrammetry.project.schema import (
     CalibrationSection,
-    CameraSection,
-    InterfaceSection,
     MotionSection,
     Project,
     SequenceSection,

@@ -21,6 +21,7 @@ import numpy as np
 
 from videogrammetry.errors import ProjectFileError
 from videogrammetry.project.atomic import atomic_path
+from videogrammetry.project.hdf5_output import Hdf5Output, open_hdf5
 from videogrammetry.types import (
     COV6_ORDER,
     POINT_FLAGS,
@@ -123,8 +124,8 @@ class MeasurementLayout:
 class MeasurementWriter:
     """Writes a measurement part by part, so that it need not fit into memory."""
 
-    def __init__(self, file: h5py.File, layout: MeasurementLayout) -> None:
-        self._file, self._layout = file, layout
+    def __init__(self, file: h5py.File, layout: MeasurementLayout, output: Hdf5Output) -> None:
+        self._file, self._layout, self._output = file, layout, output
         self._open: dict[str, h5py.Dataset] = {}
         file.attrs["kind"] = _KIND
         file.attrs["schema"] = SCHEMA
@@ -140,6 +141,7 @@ class MeasurementWriter:
                 self._create(prefix + name, _DTYPES.get(name, np.float64), dimensions, units)
         self._write_stability()
         self._explain()
+        output.check()
 
     def points(self, row: int, columns: IntArray, part: Trajectories, motion: Motion) -> None:
         """Stages from ``row`` on, of the points at ``columns``; the others were not measured."""
@@ -150,11 +152,13 @@ class MeasurementWriter:
                 self._write_columns(name, rows, columns, values)
             else:
                 self._open[name][rows] = values
+        self._output.check()
 
     def targets(self, row: int, part: TargetRecords) -> None:
         """Targets from ``row`` on."""
         for name in _TARGETS:
             self._open["target_" + name][row : row + len(part)] = getattr(part, name)
+        self._output.check()
 
     def _write_columns(self, name: str, rows: slice, columns: IntArray, values: Any) -> None:
         dataset = self._open[name]
@@ -248,9 +252,15 @@ _DTYPES = {
 def open_measurement_writer(
     path: str | os.PathLike[str], layout: MeasurementLayout
 ) -> Iterator[MeasurementWriter]:
-    """A writer of a file that is whole when the block ends well, else not there."""
-    with atomic_path(path) as beside, h5py.File(beside, "w", track_order=True) as file:
-        yield MeasurementWriter(file, layout)
+    """A writer of a file that is whole when the block ends well, else not there.
+
+    Raises
+    ------
+    OSError
+        The disk is full: from the writer's methods, or when the block ends.
+    """
+    with atomic_path(path) as beside, open_hdf5(beside) as (file, output):
+        yield MeasurementWriter(file, layout, output)
 
 
 def write_measurement(path: str | os.PathLike[str], measurement: Measurement) -> None:

@@ -17,8 +17,9 @@ import numpy as np
 
 from videogrammetry.errors import ProjectFileError
 from videogrammetry.geometry import rotation_from_vector
+from videogrammetry.project.camera_sections import MAX_CAMERAS
 from videogrammetry.project.network_tables import point_name
-from videogrammetry.project.schema import MAX_CAMERAS, SCHEMA
+from videogrammetry.project.schema import SCHEMA
 from videogrammetry.project.toml_table import TomlTable, nearest
 from videogrammetry.types import INTERIOR_NAMES, FloatArray
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from videogrammetry.geometry import (
-    CAMERA_PARAMETERS,
-    full_covariance,
-    project_from_world_with_jacobians,
-)
+from videogrammetry._core import reconstruction as _reconstruction
+from videogrammetry.geometry import CAMERA_PARAMETERS, full_covariance, rig_model
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -49,8 +46,8 @@ class PointResiduals:
     def __len__(self) -> int:
         return len(self.look)
 
-    def select(self, rows: npt.NDArray[np.bool_]) -> PointResiduals:
-        """Some of the points."""
+    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> PointResiduals:
+        """Some of the points, by a mask or an index."""
         names = (n for n in self.__dataclass_fields__ if getattr(self, n) is not None)
         return replace(self, **{n: getattr(self, n)[rows] for n in names})
 
@@ -64,7 +61,7 @@ class CameraScores:
     score : (K, 6 C) g = B'W r. normal : (K, 6 C, 6 C) N = B'W P B; of every camera a turn
         about its projection centre (rad, rotation vector on the left of cam_from_world) and
         a shift of that centre (mm, in the rig's frame).
-    by_calibration : (K, 6 C, R): N' F, what R independent standard errors of the
+    by_calibration : (K, 6 C, R): B'W P A F, what R independent standard errors of the
         calibration do to g; R = 0 where the rig has no covariance.
     chi2, redundancy : (K, C) of the residuals, of all cameras together for points that
         are not known, of every camera by itself for known ones.
@@ -140,142 +137,54 @@ def camera_scores(
     rig : the cameras. residuals : the points, ``num_looks`` looks of them.
     factor : F (16 C, R), :func:`calibration_factor`; None: not looked at.
     """
-    points, cameras = residuals.residual_px.shape[:2]
-    by_point, by_camera = np.zeros((points, cameras, 2, 3)), np.zeros((points, cameras, 2, _ALL))
-    residual = np.nan_to_num(residuals.residual_px)
-    for c, camera in enumerate(rig.cameras.values()):
-        seen = np.flatnonzero(np.isfinite(residuals.residual_px[:, c, 0]))
-        if len(seen):
-            _, by_point[seen, c], by_camera[seen, c] = project_from_world_with_jacobians(
-                camera, residuals.position_mm[seen]
-            )
-    residual = _whiten(residuals, residual, by_point, by_camera)
-    augmented = np.concatenate([by_camera[..., -_POSE:], residual[..., None]], axis=3)
-    for c, camera in enumerate(rig.cameras.values()):
-        own = by_camera[:, c, :, -_POSE:].reshape(-1, _POSE) @ pose_of_motion(camera)
-        augmented[:, c, :, :_POSE] = own.reshape(points, 2, _POSE)
-    order = np.argsort(residuals.look, kind="stable")
-    ends = np.searchsorted(residuals.look[order], np.arange(num_looks + 1))
-    rows = [order[ends[k] : ends[k + 1]] for k in range(num_looks)]
-    root = None if residuals.cov_mm2 is not None else _point_root(by_point)
-    normal, score, chi2, poses = _sums(augmented, root, rows)
-    factor = np.zeros((_ALL * cameras, 0)) if factor is None else factor
-    effect = np.zeros((num_looks, _POSE * cameras, factor.shape[1]))
-    if factor.size:
-        for k, of_look in enumerate(rows):
-            by_pose = augmented[of_look, ..., :_POSE]
-            effect[k], pictures = _by_calibration(by_camera[of_look], by_pose, factor)
-            if root is not None and poses is not None:
-                shared = (root[of_look] @ pictures).reshape(-1, factor.shape[1])
-                effect[k] -= poses[of_look].reshape(len(shared), -1).T @ shared
-    count, redundancy, systematic = _counts(residuals, num_looks)
+    if (np.diff(residuals.look) < 0).any():
+        order = np.argsort(residuals.look, kind="stable")
+        residuals = residuals.select(order)
+    offsets = np.searchsorted(residuals.look, np.arange(num_looks + 1))
+    count, redundancy, systematic = _counts(residuals, offsets)
+    if factor is None:
+        factor = np.zeros((_ALL * len(rig.cameras), 0))
+    given = (
+        residuals.position_mm,
+        residuals.residual_px,
+        residuals.variance_px2,
+        np.empty(0) if residuals.cov_mm2 is None else residuals.cov_mm2,
+    )
+    sums = _reconstruction.pose_scores(
+        rig_model(rig),
+        offsets.astype(np.int64),
+        *(np.ascontiguousarray(values, dtype=np.float64) for values in given),
+        np.ascontiguousarray(factor),
+    )
     return CameraScores(
-        score=score,
-        normal=normal,
-        by_calibration=effect,
-        chi2=chi2,
+        score=sums["score"],
+        normal=sums["normal"],
+        by_calibration=sums["by_calibration"],
+        chi2=sums["chi2"],
         redundancy=redundancy,
         systematic=systematic,
         points=count,
     )
 
 
-def _sums(
-    augmented: FloatArray, root: FloatArray | None, rows: list[npt.NDArray[np.intp]]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """N, g and chi-square of the looks, and U (P, 3, 6 C), what points take of the poses.
-
-    ``augmented`` (P, C, 2, 7): poses and residual; ``root``: L^-1 J', None: known points.
-    """
-    points, cameras = augmented.shape[:2]
-    normal = np.zeros((len(rows), _POSE * cameras, _POSE * cameras))
-    score = np.zeros((len(rows), _POSE * cameras))
-    chi2 = np.zeros((len(rows), cameras))
-    for c in range(cameras):
-        mine = slice(_POSE * c, _POSE * (c + 1))
-        for k, of_look in enumerate(rows):
-            own = augmented[of_look, c].reshape(-1, _POSE + 1)
-            square = own.T @ own
-            normal[k, mine, mine] = square[:_POSE, :_POSE]
-            score[k, mine] = square[:_POSE, -1]
-            chi2[k, c] = square[-1, -1]
-    if root is None:
-        return normal, score, chi2, None
-    # What the points take of it: with L L' = J'J and U = L^-1 J'B, N loses U'U.
-    chi2 = np.repeat(chi2.sum(axis=1, keepdims=True), cameras, axis=1)
-    shared = root.reshape(points, 3, cameras, 2).transpose(0, 2, 1, 3) @ augmented
-    poses = shared[..., :_POSE].transpose(0, 2, 1, 3).reshape(points, 3, -1)
-    rest = shared[..., -1].sum(axis=1)
-    for k, of_look in enumerate(rows):
-        u, v = poses[of_look].reshape(-1, _POSE * cameras), rest[of_look].reshape(-1)
-        normal[k] -= u.T @ u
-        score[k] -= u.T @ v
-        chi2[k] -= v @ v
-    return normal, score, chi2, poses
-
-
-def _whiten(
-    residuals: PointResiduals, residual: FloatArray, by_point: FloatArray, by_camera: FloatArray
-) -> FloatArray:
-    """The residuals in standard deviations; so are the derivatives then, in place."""
-    if residuals.cov_mm2 is None:
-        seen = np.isfinite(residuals.residual_px)
-        weight = np.where(seen, 1 / np.sqrt(np.where(seen, residuals.variance_px2, 1.0)), 0.0)
-        by_point *= weight[..., None]
-        by_camera *= weight[..., None]
-        return np.asarray(residual * weight)
-    seen = np.isfinite(residuals.residual_px[..., 0])
-    cov = by_point @ residuals.cov_mm2[:, None] @ np.swapaxes(by_point, 2, 3)
-    cov[..., [0, 1], [0, 1]] += np.where(seen[..., None], residuals.variance_px2, 1.0)
-    inverse = np.linalg.inv(np.linalg.cholesky(cov)) * seen[..., None, None]
-    by_point[:] = inverse @ by_point
-    by_camera[:] = inverse @ by_camera
-    return np.asarray((inverse @ residual[..., None])[..., 0])
-
-
-def _point_root(by_point: FloatArray) -> FloatArray:
-    """(P, 3, 2 C) L^-1 J' with L L' = J'J, written out: thousands of small matrices."""
-    j = by_point.reshape(len(by_point), -1, 3)
-    h = np.swapaxes(j, 1, 2) @ j
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a = np.sqrt(h[:, 0, 0])
-        b, c = h[:, 1, 0] / a, h[:, 2, 0] / a
-        d = np.sqrt(h[:, 1, 1] - b * b)
-        e = (h[:, 2, 1] - b * c) / d
-        f = np.sqrt(h[:, 2, 2] - c * c - e * e)
-        first = j[..., 0] / a[:, None]
-        second = (j[..., 1] - b[:, None] * first) / d[:, None]
-        third = (j[..., 2] - c[:, None] * first - e[:, None] * second) / f[:, None]
-    root: FloatArray = np.stack([first, second, third], axis=1)
-    return root
-
-
-def _by_calibration(
-    by_camera: FloatArray, by_pose: FloatArray, factor: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """B'W A F (6 C, R) of one look, and W^1/2 A F (P, 2 C, R)."""
-    points, cameras = by_camera.shape[:2]
-    parts = factor.reshape(cameras, _ALL, -1)
-    pictures = np.empty((points, cameras, 2, factor.shape[1]))
-    effect = np.empty((cameras, _POSE, factor.shape[1]))
-    for c in range(cameras):
-        own = by_camera[:, c].reshape(-1, _ALL) @ parts[c]
-        effect[c] = by_pose[:, c].reshape(-1, _POSE).T @ own
-        pictures[:, c] = own.reshape(points, 2, -1)
-    return effect.reshape(_POSE * cameras, -1), pictures.reshape(points, 2 * cameras, -1)
-
-
-def _counts(residuals: PointResiduals, num_looks: int) -> tuple[IntArray, FloatArray, FloatArray]:
+def _counts(
+    residuals: PointResiduals, offsets: npt.NDArray[np.intp]
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Points, redundancy and systematic share of every look and camera."""
     seen = np.isfinite(residuals.residual_px[..., 0])
-    points = np.zeros((num_looks, seen.shape[1]), dtype=np.int32)
-    share = np.zeros(points.shape)
-    np.add.at(points, residuals.look, seen)
-    np.add.at(share, residuals.look, np.where(seen, residuals.systematic, 0.0))
+    points = _summed(seen.astype(np.int32), offsets)
+    share = _summed(np.where(seen, residuals.systematic, 0.0), offsets)
     redundancy: FloatArray = 2.0 * points.astype(np.float64)
     if residuals.cov_mm2 is None:
-        of_looks = np.bincount(residuals.look, minlength=num_looks)
-        total = redundancy.sum(axis=1) - 3.0 * of_looks
+        total = redundancy.sum(axis=1) - 3.0 * np.diff(offsets)
         redundancy = np.repeat(total[:, None], points.shape[1], axis=1)
-    share /= np.maximum(points, 1)
-    return points, redundancy, share
+    return points, redundancy, share / np.maximum(points, 1)
+
+
+def _summed(values: npt.NDArray[Any], offsets: npt.NDArray[np.intp]) -> npt.NDArray[Any]:
+    """(K, C) of (P, C): sums over the points of every look, exactly as one after the other."""
+    sums = np.zeros((len(offsets) - 1, values.shape[1]), values.dtype)
+    some = np.flatnonzero(np.diff(offsets))
+    if len(some):
+        sums[some] = np.add.reduceat(values, offsets[some], axis=0)
+    return sums

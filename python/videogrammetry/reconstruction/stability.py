@@ -1,143 +1,99 @@
 """Whether a camera has moved: a sequential test of the scores of its pose.
 
 From looks at single stages come score g and information N of every camera's pose
-(:func:`~videogrammetry.reconstruction.camera_scores.camera_scores`). Over the last 2, 8, 32
-and 128 looks the sums G and M are tested:
+(:func:`~videogrammetry.reconstruction.camera_scores.camera_scores`). Over windows of looks
+that end at the present one, from 2 to 256 of them, the sums G and M are tested:
 
 - against the first looks: s = G - M d0, d0 = (M0 + Q)^-1 G0 the pose's change that the first
-  16 looks seem to say (Q a weak prior). What the calibration errs by is in both and cancels
+  40 looks seem to say (Q a weak prior). What the calibration errs by is in both and cancels
   but for what the object's way through the volume changes, L - M (M0 + Q)^-1 L0;
 - against the calibration: s = G with L L', L what its standard errors do to G.
 
-s' cov(s)^-1 s is chi-square with six degrees of freedom while nothing moves. The share of
+s' cov(s)^-1 s is chi-square with six degrees of freedom while nothing moves, and s_z^2 over
+its variance, z the turn about the optical axis, with one: a roll moves the picture least of
+all, and five parameters that do not change would hide it the longer. The share of
 the variance that stays from look to look is not divided by their number, nor by that of the
 points where there are more than 12; all is multiplied by what the residuals left over say
-of the noise, if that is more. The level is for all looks, windows and cameras together
-(Bonferroni).
+of the noise, if that is more.
+
+This is a generalised likelihood ratio test with a window of limited lengths (Willsky and
+Jones 1976; Lai 1995). A window of w looks is tested at every (w / 4)-th look: what it says
+changes no faster. The level is shared by all tests that are made, looks, windows, cameras and
+both numbers of parameters (Bonferroni): a false alarm in a whole sequence has no more than it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-import numpy.typing as npt
 
 from videogrammetry.reconstruction.camera_scores import CameraScores
+from videogrammetry.reconstruction.pose_change import (
+    Alarm,
+    PoseChange,
+    change_of,
+    estimate,
+    tested,
+)
+from videogrammetry.reconstruction.pose_looks import (
+    CumulatedLooks,
+    Index,
+    Looks,
+    Reference,
+    looks_in_pixels,
+)
 from videogrammetry.types import CameraSeries, FloatArray, IntArray
 
-WINDOWS = (2, 8, 32, 128)
+__all__ = ["WINDOWS", "PoseChange", "PoseWatch", "critical_chi2", "num_tests"]
+
+WINDOWS = (2, 3, 4, 5, 8, 16, 32, 64, 128, 256)
+#: Against the calibration: its own errors are in no longer sum the smaller.
+_AGAINST_CALIBRATION = (2, 5, 16, 32)
 #: First looks, what later ones are compared with, and how many of them at least.
-_REFERENCE, _LEAST = 16, 2
-#: A camera's motion of which nothing is known before, as its targets' way in the picture.
-_PRIOR_PX = 20.0
-#: Parts of a picture in each of which a lens' error that no calibration models is its own.
-_PATCHES = 12.0
-#: Window of the series that are kept.
-_SERIES = 8
-#: Cameras are told apart by likelihoods of 1000 to 1, and of 1 % of the logarithm, for
-#: the model is linear in the motion.
-_APART, _APART_SHARE = 2 * math.log(1000.0), 0.01
-#: Of three parameters at 0.999: below it the translation says nothing more.
-_TURN_ALONE = 16.27
-_RIDGE = 1e-9
+_REFERENCE, _LEAST = 40, 2
+#: Window of the series that are kept, and every how many looks.
+_SERIES, _SERIES_EVERY = 16, 4
 #: Looks that are tested at once: the same result, in less time.
-_TOGETHER = 64
+_TOGETHER = 128
 
 
-@dataclass(frozen=True, kw_only=True)
-class PoseChange:
-    """A camera that has moved.
+def critical_chi2(level: float, freedom: int = 6) -> float:
+    """Where chi-square with one or six degrees of freedom is exceeded with a probability.
 
-    Attributes
-    ----------
-    cameras : their numbers: the likeliest, then those that the residuals cannot tell from it.
-    since : "sequence": between the stages ``after`` and ``stage``; "calibration": before
-        the first stage, ``after`` is 0.
-    found : the stage at which it was noticed.
-    turn_rad, shift_mm, sigma_turn_rad, sigma_shift_mm : (3,) of the first of the cameras,
-        a turn about its projection centre (rotation vector on the left of cam_from_world)
-        and that centre's shift in the rig's frame; a shift that adds nothing is 0 with
-        NaN, and the turn then is that without a shift.
-    chi2 : of six parameters. critical : what it was held against.
-    """
-
-    cameras: tuple[int, ...]
-    since: str
-    after: int
-    stage: int
-    found: int
-    turn_rad: FloatArray
-    shift_mm: FloatArray
-    sigma_turn_rad: FloatArray
-    sigma_shift_mm: FloatArray
-    chi2: float
-    critical: float
-
-
-def critical_chi2(level: float) -> float:
-    """Where chi-square with six degrees of freedom is exceeded with a probability.
-
-    e^(-x/2) (1 + x/2 + x^2/8) = level, by bisection.
+    erfc(sqrt(x/2)) = level, or e^(-x/2) (1 + x/2 + x^2/8) = level, by bisection.
 
     Examples
     --------
     >>> round(critical_chi2(0.05), 2), round(critical_chi2(1e-8), 1)
     (12.59, 48.4)
+    >>> round(critical_chi2(0.05, 1), 2), round(critical_chi2(1e-8, 1), 1)
+    (3.84, 32.8)
     """
     low, high = 0.0, 2000.0
     for _ in range(100):
         x = 0.5 * (low + high)
-        tail = math.exp(-x / 2) * (1 + x / 2 + x * x / 8)
+        if freedom == 1:
+            tail = math.erfc(math.sqrt(x / 2))
+        else:
+            tail = math.exp(-x / 2) * (1 + x / 2 + x * x / 8)
         low, high = (x, high) if tail > level else (low, x)
     return high
 
 
-@dataclass
-class _Looks:
-    """Looks in units of pixels: (n,) stages and what :class:`CameraScores` says."""
+def num_tests(num_looks: int, cameras: int) -> int:
+    """How many tests are made in a quiet sequence, no more.
 
-    stage: IntArray
-    g: FloatArray
-    n: FloatArray
-    by: FloatArray
-    chi2: FloatArray
-    redundancy: FloatArray
-    share: FloatArray
-    points: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.stage)
-
-    def rows(self, index: slice) -> _Looks:
-        return _Looks(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
-
-    def then(self, other: _Looks) -> _Looks:
-        names = self.__dataclass_fields__
-        return _Looks(
-            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names)
-        )
-
-
-@dataclass
-class _Sums:
-    """Of one camera each, (m,): window and reference. ``cov0`` is (M0 + Q)^-1."""
-
-    camera: npt.NDArray[np.intp]
-    count: FloatArray
-    count0: FloatArray
-    g: FloatArray
-    n: FloatArray
-    by: FloatArray
-    chi2: FloatArray
-    redundancy: FloatArray
-    share: FloatArray
-    points: FloatArray
-    g0: FloatArray
-    cov0: FloatArray
-    by0: FloatArray
+    Examples
+    --------
+    >>> num_tests(2500, 4)
+    100000
+    """
+    in_sequence = sum(num_looks // _stride(width) for width in WINDOWS)
+    # Against the calibration the windows end where so many looks have been taken.
+    at_ends = (num_looks // _TOGETHER + 1) * len(_AGAINST_CALIBRATION)
+    return max(cameras * (2 * in_sequence + at_ends), 1)
 
 
 class PoseWatch:
@@ -155,17 +111,19 @@ class PoseWatch:
     ) -> None:
         self._scale, self._known = np.asarray(scale, float), known
         self._count = len(scale)
-        tests = max(num_looks, 1) * self._count * (len(WINDOWS) + 1)
-        self.critical = critical_chi2(level / tests)
-        self._first: _Looks | None = None
-        self._last: _Looks | None = None
-        self._raw: _Looks | None = None
-        self._raw_first: _Looks | None = None
-        self._taken = 0
+        each = level / num_tests(num_looks, self._count)
+        self._criticals = np.array([critical_chi2(each, 1), critical_chi2(each)])
+        self._history = _History()
+        self._raw = self._history
         self._waiting: list[tuple[IntArray, CameraScores]] = []
         self._moved: list[int] = []
         self._series: list[tuple[FloatArray, ...]] = []
         self.changes: list[PoseChange] = []
+
+    @property
+    def critical(self) -> float:
+        """What chi-square of six parameters is held against."""
+        return float(self._criticals[1])
 
     def add(self, stage: IntArray, scores: CameraScores) -> None:
         """The next looks; they are tested when enough are there, or with :meth:`finish`."""
@@ -180,32 +138,22 @@ class PoseWatch:
         stage = np.concatenate([stages for stages, _ in self._waiting])
         scores = reduce(CameraScores.then, (scores for _, scores in self._waiting))
         self._waiting = []
-        self._test(stage, scores)
-
-    def _test(self, stage: IntArray, scores: CameraScores) -> None:
-        looks = self._in_pixels(stage, scores)
-        self._raw = looks if self._raw is None else self._raw.then(looks)
-        self._raw_first = _more(self._raw_first, looks)
-        freed = self._without(looks)
-        self._last = freed if self._last is None else self._last.then(freed)
-        self._first = _more(self._first, freed)
-        self._taken += len(looks)
-        table = _Cumulated(self._last, self._first, self._taken - len(self._last))
-        before, raw = len(self._moved), table
+        looks = looks_in_pixels(stage, scores, self._scale)
+        table = raw = self._history.add(self._without(looks))
+        if self._raw is not self._history:
+            raw = self._raw.add(looks)
         while (change := self._next_change(table, len(looks))) is not None:
+            if self._raw is self._history and not self._known:
+                self._raw = self._history.copy()
             self.changes.append(change)
             self._moved += change.cameras
-            self._last = self._without(self._last)
-            self._first = self._without(self._first)
-            table = _Cumulated(self._last, self._first, self._taken - len(self._last))
-        if before:
-            raw = _Cumulated(self._raw, self._raw_first, self._taken - len(self._raw))
+            table = self._history.without(self._moved if not self._known else [])
         self._series.append(self._of_series(raw, len(looks)))
-        keep = slice(-(WINDOWS[-1] - 1), None)
-        self._last, self._raw = self._last.rows(keep), self._raw.rows(keep)
+        self._history.shorten()
+        self._raw.shorten()
 
     def series(self) -> CameraSeries:
-        """Turns and shifts of all looks so far."""
+        """Turns and shifts at every fourth look so far."""
         self.finish()
         if not self._series:
             empty = np.zeros((0, self._count, 3))
@@ -227,149 +175,69 @@ class PoseWatch:
             critical_chi2=self.critical,
         )
 
-    def _without(self, looks: _Looks) -> _Looks:
-        return looks if self._known else _without(looks, self._moved)
+    def _without(self, looks: Looks) -> Looks:
+        return looks if self._known else looks.without(self._moved)
 
-    def _in_pixels(self, stage: IntArray, scores: CameraScores) -> _Looks:
-        size, shape = len(stage), (len(stage), self._count, 6)
-        flat = self._scale.reshape(-1)
-        return _Looks(
-            np.asarray(stage),
-            (scores.score * flat).reshape(shape),
-            scores.normal * flat[:, None] * flat,
-            (scores.by_calibration * flat[:, None]).reshape(
-                size, self._count, 6, scores.by_calibration.shape[2]
-            ),
-            scores.chi2,
-            scores.redundancy,
-            scores.systematic,
-            scores.points.astype(float),
-        )
-
-    def _next_change(self, table: _Cumulated, new: int) -> PoseChange | None:
-        looks, before = table.looks, table.before
+    def _next_change(self, table: CumulatedLooks, new: int) -> PoseChange | None:
         still = [c for c in range(self._count) if c not in self._moved]
         if not still:
             return None
-        end, width = (
-            a.reshape(-1)
-            for a in np.meshgrid(np.arange(len(looks) - new, len(looks)), WINDOWS, indexing="ij")
-        )
-        fits = (end - width + 1 >= 0) & (before + end - width + 1 >= _LEAST)
-        end, width = end[fits], width[fits]
-        alarms = self._alarms(table, end, width, still, "sequence")
-        if not alarms and looks.by.shape[3]:
+        alarm = self._alarm(table, *_windows(table, new), still, "sequence")
+        if alarm is None and table.looks.by.shape[3]:
             # What was wrong from the start waits for the end of these looks.
-            of_all = np.array([w for w in WINDOWS if w <= len(looks)], dtype=np.intp)
-            last = np.full(len(of_all), len(looks) - 1)
-            alarms = self._alarms(table, last, of_all, still, "calibration")
-            if alarms:
-                return self._calibration_change(table, alarms[0])
-        if not alarms:
+            widths = [w for w in _AGAINST_CALIBRATION if w <= len(table.looks)]
+            width = np.array(widths, dtype=np.intp)
+            end = np.full(len(width), len(table.looks) - 1)
+            alarm = self._alarm(table, end, width, still, "calibration")
+        if alarm is None:
             return None
-        return self._sequence_change(table, alarms[0], still)
+        return change_of(table, alarm, still, self._scale, self._criticals)
 
-    def _alarms(
-        self,
-        table: _Cumulated,
-        end: npt.NDArray[np.intp],
-        width: npt.NDArray[np.intp],
-        still: list[int],
-        against: str,
-    ) -> list[tuple[int, int, int]]:
-        """(end, width, camera), the earliest first, of the largest where several end there."""
+    def _alarm(
+        self, table: CumulatedLooks, end: Index, width: Index, still: list[int], against: str
+    ) -> Alarm | None:
+        """The earliest alarm, of those that end there the one that exceeds its limit most."""
         cameras = np.tile(np.array(still, dtype=np.intp), len(end))
         end, width = np.repeat(end, len(still)), np.repeat(width, len(still))
-        if not len(end):
-            return []
-        if against == "sequence":
-            quick = table.noise_chi2(end, width, cameras)
-            maybe = quick > self.critical
+        if against == "sequence" and len(end):
+            six, roll = table.noise_chi2(end, width, cameras)
+            maybe = (six > self._criticals[1]) | (roll > self._criticals[0])
             end, width, cameras = end[maybe], width[maybe], cameras[maybe]
-            if not len(end):
-                return []
-        sums = table.sums(end, width, cameras)
-        chi2 = _tested(sums, against)[0]
-        found = np.flatnonzero(chi2 > self.critical)
-        found = found[np.lexsort((-chi2[found], end[found]))]
-        return [
-            (int(end[k]), int(width[k]), int(cameras[k]))
-            for k in found
-            if table.stays(int(end[k]), int(width[k]), int(cameras[k]), against, self.critical / 3)
-        ]
+        if not len(end):
+            return None
+        found = tested(table.sums(end, width, cameras), against)
+        roll = found.roll if against == "sequence" else np.zeros(len(end))
+        beyond = np.stack([roll - self._criticals[0], found.six - self._criticals[1]])
+        which = beyond.argmax(axis=0)
+        most = beyond.max(axis=0)
+        rows = np.flatnonzero(most > 0)
+        for k in rows[np.lexsort((-most[rows], end[rows]))].tolist():
+            alarm = Alarm(int(end[k]), int(width[k]), int(cameras[k]), (1, 6)[which[k]], against)
+            if self._stays(table, alarm):
+                return alarm
+        return None
 
-    def _sequence_change(
-        self, table: _Cumulated, alarm: tuple[int, int, int], still: list[int]
-    ) -> PoseChange:
-        end, _, camera = alarm
-        widths = np.arange(1, min(end + 1, table.before + end + 1 - _LEAST) + 1)
-        ends = np.full(len(widths), end)
-        best = np.argmax(table.noise_chi2(ends, widths, np.full(len(widths), camera)))
-        width = int(widths[best])
-        begin = end - width + 1
-        stage = table.looks.stage
-        after = int(stage[begin - 1]) if begin else int(stage[0]) - 1
-        return self._change(
-            table, end, width, still, "sequence", after=after, stage=int(stage[begin])
-        )
+    def _stays(self, table: CumulatedLooks, alarm: Alarm) -> bool:
+        """Whether an alarm is there without the look that says most for it."""
+        changed = alarm.against == "sequence"
+        left = table.without_worst(alarm.end, alarm.width, alarm.camera, changed=changed)
+        found = tested(left, alarm.against)
+        if alarm.parameters == 1:
+            return bool(found.roll[0] > self._criticals[0] / 3)
+        return bool(found.six[0] > self._criticals[1] / 3)
 
-    def _calibration_change(self, table: _Cumulated, alarm: tuple[int, int, int]) -> PoseChange:
-        still = [c for c in range(self._count) if c not in self._moved]
-        assert self._first is not None
-        first = int(self._first.stage[0])
-        return self._change(table, alarm[0], alarm[1], still, "calibration", after=0, stage=first)
-
-    def _change(
-        self,
-        table: _Cumulated,
-        end: int,
-        width: int,
-        still: list[int],
-        against: str,
-        *,
-        after: int,
-        stage: int,
-    ) -> PoseChange:
-        """Names the cameras, the likeliest first, and says how far that one has moved."""
-        cameras = np.array(still, dtype=np.intp)
-        sums = table.sums(np.full(len(still), end), np.full(len(still), width), cameras)
-        chi2, s, cov, noise = _tested(sums, against)
-        explained = _quadratic(s, sums.n) / noise.min()
-        if against == "calibration":
-            explained = chi2
-        order = np.argsort(-explained, kind="stable")
-        best = order[0]
-        margin = max(_APART, _APART_SHARE * float(explained[best]))
-        same = [k for k in order if explained[best] - explained[k] <= margin]
-        change, sigma = _estimate(s[best], sums.n[best], cov[best], float(chi2[best]))
-        scale = self._scale[cameras[best]]
-        return PoseChange(
-            cameras=tuple(int(cameras[k]) for k in same),
-            since=against,
-            after=after,
-            stage=stage,
-            found=int(table.looks.stage[end]),
-            turn_rad=(change * scale)[:3],
-            shift_mm=(change * scale)[3:],
-            sigma_turn_rad=(sigma * scale)[:3],
-            sigma_shift_mm=(sigma * scale)[3:],
-            chi2=float(chi2[best]),
-            critical=self.critical,
-        )
-
-    def _of_series(self, table: _Cumulated, new: int) -> tuple[FloatArray, ...]:
-        """Stage, change, sigma and chi-square of the new looks, every camera as if alone."""
+    def _of_series(self, table: CumulatedLooks, new: int) -> tuple[FloatArray, ...]:
+        """Stage, change, sigma and chi-square of new looks, every camera as if alone."""
         looks = table.looks
         end = np.arange(len(looks) - new, len(looks))
+        end = end[(table.before + end) % _SERIES_EVERY == 0]
         # Of the first looks the later half is compared with the earlier.
         width = np.clip((table.before + end + 1) // 2, 1, _SERIES)
-        cameras = np.tile(np.arange(self._count), new)
+        cameras = np.tile(np.arange(self._count), len(end))
         sums = table.sums(np.repeat(end, self._count), np.repeat(width, self._count), cameras)
-        chi2, s, cov, _ = _tested(sums, "sequence")
-        inverse = np.linalg.inv(sums.n + np.eye(6) / _PRIOR_PX**2)
-        change = (inverse @ s[..., None])[..., 0]
-        sigma = np.sqrt(np.maximum(np.diagonal(inverse @ cov @ inverse, axis1=1, axis2=2), 0.0))
-        shape = (new, self._count, 6)
+        found = tested(sums, "sequence")
+        change, sigma = estimate(found.s, sums.n, found.cov)
+        shape = (len(end), self._count, 6)
         scale = self._scale
         # The very first is compared with nothing.
         some = np.where(table.before + end > 0, 1.0, np.nan)[:, None]
@@ -377,165 +245,67 @@ class PoseWatch:
             looks.stage[end].astype(float),
             change.reshape(shape) * scale * some[..., None],
             sigma.reshape(shape) * scale * some[..., None],
-            chi2.reshape(shape[:2]) * some,
+            found.six.reshape(shape[:2]) * some,
         )
 
 
-class _Cumulated:
-    """Sums of looks over any window, by their cumulated sums."""
+class _History:
+    """The first looks, and the last ones as far as windows reach."""
 
-    def __init__(self, looks: _Looks, first: _Looks, before: int) -> None:
-        self.looks, self.before = looks, before
-        blocks = _own(looks.n)
-        self._own = blocks
-        self._g, self._n = _cumulated(looks.g), _cumulated(blocks)
-        self._by, self._chi2 = _cumulated(looks.by), _cumulated(looks.chi2)
-        self._redundancy, self._share = _cumulated(looks.redundancy), _cumulated(looks.share)
-        self._points = _cumulated(looks.points)
-        self._g0, self._by0 = _cumulated(first.g), _cumulated(first.by)
-        prior = np.eye(6) / _PRIOR_PX**2
-        inverse = np.linalg.inv(_cumulated(_own(first.n)) + prior)
-        self._cov0 = np.asarray(inverse, np.float64)
-        self._change0 = (self._cov0 @ self._g0[..., None])[..., 0]
+    def __init__(self) -> None:
+        self._first: Looks | None = None
+        self._last: Looks | None = None
+        self._reference: Reference | None = None
+        self._taken = 0
 
-    def _reference(
-        self, end: npt.NDArray[np.intp], width: npt.NDArray[np.intp]
-    ) -> npt.NDArray[np.intp]:
-        """How many first looks a window is compared with: those before it, at most 16."""
-        begin = self.before + end - width + 1
-        count: npt.NDArray[np.intp] = np.clip(begin, 0, len(self._g0) - 1)
-        return count
+    def add(self, looks: Looks) -> CumulatedLooks:
+        self._last = looks if self._last is None else self._last.then(looks)
+        lacking = _REFERENCE - (0 if self._first is None else len(self._first))
+        if lacking:
+            more = looks.rows(slice(0, lacking))
+            self._first = more if self._first is None else self._first.then(more)
+            self._reference = None
+        self._taken += len(looks)
+        return self._table()
 
-    def noise_chi2(
-        self,
-        end: npt.NDArray[np.intp],
-        width: npt.NDArray[np.intp],
-        camera: npt.NDArray[np.intp],
-    ) -> FloatArray:
-        """Against the first looks with the pictures' noise alone: no less than the whole."""
-        lo, hi = end - width + 1, end + 1
-        ref = self._reference(end, width)
-        n = self._n[hi, camera] - self._n[lo, camera]
-        g = self._g[hi, camera] - self._g[lo, camera]
-        s = g - (n @ self._change0[ref, camera][..., None])[..., 0]
-        return _quadratic(s, n + n @ self._cov0[ref, camera] @ n)
+    def copy(self) -> _History:
+        """The same looks; neither changes with the other."""
+        other = _History()
+        other.__dict__.update(self.__dict__)
+        return other
 
-    def sums(
-        self,
-        end: npt.NDArray[np.intp],
-        width: npt.NDArray[np.intp],
-        camera: npt.NDArray[np.intp],
-    ) -> _Sums:
-        """Of windows and what they are compared with."""
-        lo, hi, ref = end - width + 1, end + 1, self._reference(end, width)
+    def without(self, moved: list[int]) -> CumulatedLooks:
+        """From now on with the poses of ``moved`` eliminated."""
+        assert self._first is not None
+        assert self._last is not None
+        self._first, self._last = self._first.without(moved), self._last.without(moved)
+        self._reference = None
+        return self._table()
 
-        def window(cumulated: FloatArray) -> FloatArray:
-            return np.asarray(cumulated[hi, camera] - cumulated[lo, camera])
+    def shorten(self) -> None:
+        assert self._last is not None
+        self._last = self._last.rows(slice(-(WINDOWS[-1] - 1), None))
 
-        return _Sums(
-            camera, width.astype(float), ref.astype(float), window(self._g), window(self._n),
-            window(self._by), window(self._chi2), window(self._redundancy),
-            window(self._share) / width, window(self._points) / width, self._g0[ref, camera],
-            self._cov0[ref, camera], self._by0[ref, camera],
-        )  # fmt: skip
-
-    def stays(self, end: int, width: int, camera: int, against: str, least: float) -> bool:
-        """Whether an alarm is there without the look that says most for it."""
-        one, where = np.array([end]), np.array([camera])
-        sums = self.sums(one, np.array([width]), where)
-        rows = slice(end - width + 1, end + 1)
-        g, n = self.looks.g[rows, camera], self._own[rows, camera]
-        change0 = (sums.cov0[0] @ sums.g0[0]) * (against == "sequence")
-        worst = int(np.argmax(_quadratic(g - n @ change0, n)))
-        look = end - width + 1 + worst
-        sums.count = sums.count - 1
-        sums.g, sums.n = sums.g - g[worst], sums.n - n[worst]
-        sums.by = sums.by - self.looks.by[look, camera]
-        sums.chi2 = sums.chi2 - self.looks.chi2[look, camera]
-        sums.redundancy = sums.redundancy - self.looks.redundancy[look, camera]
-        return bool(_tested(sums, against)[0][0] > least)
+    def _table(self) -> CumulatedLooks:
+        assert self._first is not None
+        assert self._last is not None
+        if self._reference is None:
+            self._reference = Reference(self._first)
+        return CumulatedLooks(self._last, self._reference, self._taken - len(self._last))
 
 
-def _tested(sums: _Sums, against: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Chi-square (m,), s (m, 6) with its covariance (m, 6, 6), and the noise's factor (m,)."""
-    n, share = sums.n, sums.share
-    left = sums.chi2 - _quadratic(sums.g, n)
-    noise = np.maximum(1.0, left / np.maximum(sums.redundancy - 6, 1))
-    # What stays from look to look is smooth over the picture: neighbours do not average it.
-    stays = share * np.maximum(1.0, sums.points / _PATCHES)
-    own = (1 - share) + stays * sums.count
-    cov = n * own[:, None, None]
-    s, by = sums.g, sums.by
-    if against == "sequence":
-        by_reference = n @ sums.cov0
-        s = s - (by_reference @ sums.g0[..., None])[..., 0]
-        reference = (1 - share) + stays * sums.count0
-        cov = cov + by_reference @ n * reference[:, None, None]
-        by = by - by_reference @ sums.by0
-    cov = cov * noise[:, None, None] + by @ np.swapaxes(by, 1, 2)
-    return _quadratic(s, cov), s, cov, noise
+def _stride(width: int) -> int:
+    """At every how many looks a window is tested."""
+    return max(width // 4, 1)
 
 
-def _estimate(
-    s: FloatArray, n: FloatArray, cov: FloatArray, chi2: float
-) -> tuple[FloatArray, FloatArray]:
-    """(6,) turn and shift with standard deviations; the turn alone where that says it all."""
-    of_turn = _quadratic(s[None, :3], cov[None, :3, :3])[0]
-    size = 3 if chi2 - of_turn < _TURN_ALONE else 6
-    inverse = np.linalg.inv(n[:size, :size] + np.eye(size) / _PRIOR_PX**2)
-    change, sigma = np.zeros(6), np.full(6, np.nan)
-    change[:size] = inverse @ s[:size]
-    sigma[:size] = np.sqrt(np.diag(inverse @ cov[:size, :size] @ inverse))
-    return change, sigma
-
-
-def _quadratic(s: FloatArray, cov: FloatArray) -> FloatArray:
-    """s' cov^-1 s of every row; directions of which nothing is known say nothing."""
-    size = cov.shape[-1]
-    ridge = _RIDGE * np.trace(cov, axis1=1, axis2=2) / size + 1e-12
-    solved = np.linalg.solve(cov + ridge[:, None, None] * np.eye(size), s[..., None])
-    return np.asarray((s[:, None, :] @ solved)[:, 0, 0])
-
-
-def _own(n: FloatArray) -> FloatArray:
-    """(n, C, 6, 6) the blocks of every camera by itself."""
-    count = n.shape[1] // 6
-    blocks = n.reshape(len(n), count, 6, count, 6)
-    return np.ascontiguousarray(np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1))
-
-
-def _cumulated(values: FloatArray) -> FloatArray:
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
-
-
-def _more(first: _Looks | None, looks: _Looks) -> _Looks:
-    if first is None:
-        return looks.rows(slice(0, _REFERENCE))
-    return first.then(looks.rows(slice(0, _REFERENCE - len(first))))
-
-
-def _without(looks: _Looks, moved: list[int]) -> _Looks:
-    """The looks with the poses of ``moved`` eliminated: whatever these are, at every look."""
-    if not moved:
-        return looks
-    count = looks.g.shape[1]
-    of = np.concatenate([np.arange(6 * c, 6 * c + 6) for c in moved])
-    inside = looks.n[:, of[:, None], of]
-    ridge = _RIDGE * np.trace(inside, axis1=1, axis2=2) / len(of) + 1e-12
-    across = looks.n[:, :, of] @ np.linalg.inv(inside + ridge[:, None, None] * np.eye(len(of)))
-    across[:, of] = np.eye(len(of))
-    flat, by = looks.g.reshape(len(looks), -1), looks.by.reshape(len(looks), 6 * count, -1)
-    n = looks.n - across @ looks.n[:, of]
-    n[:, of] = 0.0
-    n[:, :, of] = 0.0
-    explained = _quadratic(flat[:, of], inside)[:, None]
-    return _Looks(
-        looks.stage,
-        (flat - (across @ flat[:, of, None])[..., 0]).reshape(looks.g.shape),
-        n,
-        (by - across @ by[:, of]).reshape(looks.by.shape),
-        looks.chi2 - explained,
-        looks.redundancy - len(of),
-        looks.share,
-        looks.points,
-    )
+def _windows(table: CumulatedLooks, new: int) -> tuple[Index, Index]:
+    """Ends and widths of the windows that are tested at the new looks, by their ends."""
+    looks = np.arange(len(table.looks) - new, len(table.looks))
+    ends, widths = [], []
+    for width in WINDOWS:
+        number = table.before + looks + 1
+        there = (number % _stride(width) == 0) & (number - width >= _LEAST)
+        ends.append(looks[there & (looks - width + 1 >= 0)])
+        widths.append(np.full(len(ends[-1]), width))
+    return np.concatenate(ends), np.concatenate(widths)

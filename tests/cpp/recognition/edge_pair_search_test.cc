@@ -326,5 +326,31 @@ TEST(EdgePairSearchTest, StatisticsAreTheSameOfEveryStorageAndNearThoseOfMorePix
   }
 }
 
+TEST(EdgePairSearchTest, PassesOverKnownPartsAndNothingElse) {
+  const std::vector<testing::Drawn> dots = {
+      {{40.0, 50.0, 8.0, 6.0, 0.5}, testing::Bits(0x0b35, 14)},
+      {{90.0, 50.0, 7.0, 7.0, 0.0}, {}},
+      {{68.0, 50.0, 3.5, 3.5, 0.0}, {}}};
+  const auto picture = testing::Render(120, 100, dots, 3000.0, 300.0, 20.0);
+  const std::vector<SearchWindow> whole = {{0, 0, 119, 99}};
+  const auto in_part = [](const DotRegion& r, const Ellipse& e, double radii) {
+    return std::hypot(r.moments.mean_x - e.x_px, r.moments.mean_y - e.y_px) <
+           radii * e.semi_major_px;
+  };
+  KnownParts known(120, 100);
+  known.Add(dots[0].ellipse, 3.1);
+  const auto all = FindDotRegions(picture.view(), 1, {5.0, 60.0}, 400, whole);
+  const auto left = FindDotRegions(picture.view(), 1, {5.0, 60.0}, 400, whole, &known);
+  std::size_t outside = 0;
+  for (const DotRegion& r : all) outside += in_part(r, dots[0].ellipse, 3.3) ? 0 : 1;
+  EXPECT_LT(left.size(), all.size());
+  EXPECT_EQ(left.size(), outside);
+  for (const std::size_t k : {1u, 2u}) {
+    EXPECT_TRUE(std::any_of(left.begin(), left.end(), [&](const DotRegion& r) {
+      return in_part(r, dots[k].ellipse, 0.2);
+    })) << k;
+  }
+}
+
 }  // namespace
 }  // namespace videogrammetry

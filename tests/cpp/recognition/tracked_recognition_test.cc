@@ -140,6 +140,23 @@ TEST(TrackedRecognizerTest, SaysWhatIsLostAndFindsItAgain) {
   }
 }
 
+TEST(TrackedRecognizerTest, SeesWhatIsNewBesideWhatItFollows) {
+  TrackedOptions options;
+  options.full_every = 1;
+  TrackedRecognizer tracked(FastOptions(), Family(), options, std::nullopt);
+  const Recognizer whole(FastOptions(), Family());
+  double squares = 0.0;
+  for (int frame = 0; frame < 12; ++frame) {
+    const auto picture = Moving(frame, {.hidden = frame < 5 ? 6 : -1});  // one with a ring
+    const TrackedFrame found = tracked.Next(picture.view());
+    EXPECT_TRUE(found.full);
+    EXPECT_EQ(found.lost, 0);
+    ASSERT_EQ(found.targets.size(), frame < 5 ? 11u : 12u) << "frame " << frame;
+    ExpectSame(found.targets, whole.RecognizeFrames({picture.view()}, 1, &*tracked.camera())[0],
+               frame, &squares);
+  }
+}
+
 TEST(TrackedRecognizerTest, WidensTheWindowOfWhatJumps) {
   TrackedRecognizer tracked(FastOptions(), Family(), {}, std::nullopt);
   for (int frame = 0; frame < 6; ++frame) {

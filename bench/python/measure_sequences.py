@@ -27,7 +27,6 @@ from videogrammetry.motion import MotionOptions
 from videogrammetry.pipeline.assemble import (
     TrajectoryBuilder,
     assemble,
-    link_chunks,
     plan_of_chunks,
 )
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
@@ -35,6 +34,7 @@ from videogrammetry.pipeline.chunk_job import ChunkOptions, ChunkWorker, chunks_
 from videogrammetry.pipeline.chunk_record import make_record
 from videogrammetry.pipeline.chunk_store import FolderStore
 from videogrammetry.pipeline.frames import map_bounded
+from videogrammetry.pipeline.linking import link_chunks
 from videogrammetry.pipeline.measure_job import first_free_id
 from videogrammetry.project import MeasurementLayout, open_measurement_writer
 from videogrammetry.recognition import (

@@ -24,12 +24,16 @@ const WeightedRowsKernel& Kernel() {
 bool Gain(const Rig& rig, std::span<const Sighting> sightings, const Intersection& point,
           Eigen::Matrix<double, 3, Eigen::Dynamic>* gain) {
   gain->resize(3, static_cast<Eigen::Index>(sightings.size()) * kNumCameraParameters);
+  const bool intersected = point.residuals_px.size() == sightings.size();
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const Sighting& s = sightings[i];
+    const OrientedCamera& camera = rig[static_cast<std::size_t>(s.camera)];
     OrientedJacobians jacobians;
-    if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point.position_mm, &jacobians)) {
-      return false;
-    }
+    const auto pixel =
+        intersected ? ProjectFromWorld(camera, point.position_mm,
+                                       Eigen::Vector2d(s.pixel - point.residuals_px[i]), &jacobians)
+                    : ProjectFromWorld(camera, point.position_mm, &jacobians);
+    if (!pixel) return false;
     const Eigen::Matrix<double, 3, 2> by_pixel =
         -point.cov_mm2 * jacobians.by_point.transpose() * s.cov_px2.inverse();
     gain->middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(i) * kNumCameraParameters)
@@ -72,6 +76,12 @@ CalibrationPart::CalibrationPart(const Rig& rig, const RigCovariance& covariance
   if (moves_frame_) {
     rows.bottomLeftCorner(6, rank_) = -covariance.frame_by_parameters * factor;
   }
+  uncertain_.resize(rig.size());
+  for (Eigen::Index i = 0; i < c.rows(); ++i) {
+    if (rows.row(i).isZero(0.0)) continue;
+    uncertain_[static_cast<std::size_t>(i / kNumCameraParameters)].push_back(
+        static_cast<int>(i % kNumCameraParameters));
+  }
 }
 
 Eigen::Matrix3d CalibrationPart::Of(std::span<const Sighting> sightings,
@@ -84,11 +94,16 @@ Eigen::Matrix3d CalibrationPart::Of(std::span<const Sighting> sightings,
     return Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
   }
   rows.clear();
-  for (const Sighting& s : sightings) {
-    const double* row = factor_.data() + s.camera * kNumCameraParameters * stride_;
-    for (int k = 0; k < kNumCameraParameters; ++k, row += stride_) rows.push_back(row);
+  weights.clear();  // three a row of L
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    const int camera = sightings[i].camera;
+    const double* first = factor_.data() + camera * kNumCameraParameters * stride_;
+    const double* column = gain.data() + i * 3 * kNumCameraParameters;
+    for (const int k : uncertain_[static_cast<std::size_t>(camera)]) {
+      rows.push_back(first + k * stride_);
+      weights.insert(weights.end(), column + 3 * k, column + 3 * k + 3);
+    }
   }
-  weights.assign(gain.data(), gain.data() + gain.size());  // column by column: three a row of L
   if (moves_frame_) {
     const Eigen::Matrix<double, 3, 6> effect = FrameEffect(point.position_mm);
     weights.insert(weights.end(), effect.data(), effect.data() + effect.size());

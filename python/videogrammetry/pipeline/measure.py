@@ -17,11 +17,9 @@ from videogrammetry.errors import (
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, MotionPlan
 from videogrammetry.pipeline.assemble import (
-    Linked,
     Sink,
     TrajectoryBuilder,
     assemble,
-    link_chunks,
     plan_of_chunks,
 )
 from videogrammetry.pipeline.chunk_job import (
@@ -36,6 +34,7 @@ from videogrammetry.pipeline.frames import (
     map_bounded,
     silent,
 )
+from videogrammetry.pipeline.linking import Linked, Linker
 from videogrammetry.pipeline.measure_job import (
     MeasureJob,
     Models,
@@ -314,8 +313,13 @@ def _measure_chunks(
     kept = job.stages[1] - job.stages[0] + 1 - total
     what = f"measuring ({kept} stages kept)" if kept else "measuring"
     done = 0
+    check = StabilityCheck([(job.stages[0], job.rig), *job.options.later], job.stages, job.static)
+    # Beside the threads that measure, so that nobody waits for it at the end.
+    linker = Linker(store, chunks, first_free_id(job.options.recognition), check)
+    linker.add(*set(chunks).difference(missing))
     try:
         for first, last in run(job, store, models, missing):
+            linker.add((first, last))
             done += last - first + 1
             progress(done, total, what)
     except SequenceError as error:
@@ -326,8 +330,7 @@ def _measure_chunks(
                 "--skip-unreadable"
             ) from error
         raise
-    check = StabilityCheck([(job.stages[0], job.rig), *job.options.later], job.stages, job.static)
-    linked = link_chunks(store, chunks, first_free_id(job.options.recognition), check)
+    linked = linker.result()
     refuse_senseless(linked.totals)
     if not len(linked.point_id):
         raise MeasurementError(nothing_measured(linked.totals, job.options.diameter_mm))

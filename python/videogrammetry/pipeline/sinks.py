@@ -9,8 +9,9 @@ import numpy as np
 
 from videogrammetry.matching import TARGET_STATUS
 from videogrammetry.motion import MotionPlan
-from videogrammetry.pipeline.assemble import Linked, Sink
+from videogrammetry.pipeline.assemble import Sink
 from videogrammetry.pipeline.chunk_store import Chunk
+from videogrammetry.pipeline.linking import Linked
 from videogrammetry.pipeline.totals import Totals
 from videogrammetry.types import (
     IntArray,

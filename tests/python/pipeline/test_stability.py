@@ -9,7 +9,7 @@ import pytest
 from moving_camera import body, calibrated, pictures, ring_rig, turned
 
 from videogrammetry.geometry import vector_from_rotation
-from videogrammetry.pipeline.assemble import Linked
+from videogrammetry.pipeline.linking import Linked
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
 from videogrammetry.pipeline.chunk_record import (
     CalibratedVolume,

@@ -1,6 +1,5 @@
 #include "videogrammetry/geometry/intersection.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -62,7 +61,7 @@ Eigen::Vector3d NearestPoint(const std::vector<Ray>& rays) {
     normal += across;
     right += across * ray.origin_mm;
   }
-  return normal.ldlt().solve(right);
+  return normal.inverse() * right;  // a start value
 }
 
 /// The point nearest to the rays, before all of their origins.
@@ -105,10 +104,9 @@ bool Linearise(const Rig& rig, std::span<const Sighting> sightings, const Eigen:
 }
 
 /// The point after a step so small that the linearisation holds.
-IntersectionStatus Finish(const Eigen::Vector3d& position,
-                          const Eigen::Vector3d& step, const Eigen::Matrix3d& cov_mm2,
-                          const std::vector<Ray2d>& rays, double convergence_rad,
-                          Intersection* result) {
+IntersectionStatus Finish(const Eigen::Vector3d& position, const Eigen::Vector3d& step,
+                          const Eigen::Matrix3d& cov_mm2, const std::vector<Ray2d>& rays,
+                          double convergence_rad, Intersection* result) {
   result->position_mm = position;
   result->cov_mm2 = cov_mm2;
   result->convergence_rad = convergence_rad;

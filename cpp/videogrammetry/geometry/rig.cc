@@ -21,9 +21,9 @@ std::optional<Eigen::Vector2d> ProjectFrom(const OrientedCamera& oriented,
   const Eigen::Vector3d rotated = pose.rotation * seen;
   ProjectionJacobians inner;
   const Eigen::Vector3d in_cam = rotated + pose.translation_mm;
-  const auto pixel =
-      near_px != nullptr ? ProjectNear(oriented.camera, in_cam, *near_px, &inner)
-                         : Project(oriented.camera, in_cam, jacobians != nullptr ? &inner : nullptr);
+  const auto pixel = near_px != nullptr ? ProjectNear(oriented.camera, in_cam, *near_px, &inner)
+                                        : Project(oriented.camera, in_cam,
+                                                  jacobians != nullptr ? &inner : nullptr);
   if (!pixel || jacobians == nullptr) return pixel;
   // x_in_cam = exp(w) R x + t: d x_in_cam / d w = -[R x]_x at w = 0.
   auto minus_cross = [](const Eigen::Vector3d& v) {

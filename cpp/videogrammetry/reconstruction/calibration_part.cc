@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -93,25 +94,28 @@ Eigen::Matrix3d CalibrationPart::Of(std::span<const Sighting> sightings,
   if (!Gain(rig_, sightings, point, &gain)) {
     return Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
   }
-  rows.clear();
-  weights.clear();  // three a row of L
+  const std::size_t most = (sightings.size() * kNumCameraParameters) + 6;
+  rows.resize(most);
+  weights.resize(3 * most);  // three a row of L
+  const double** row = rows.data();
+  double* weight = weights.data();
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const int camera = sightings[i].camera;
     const double* first = factor_.data() + camera * kNumCameraParameters * stride_;
     const double* column = gain.data() + i * 3 * kNumCameraParameters;
     for (const int k : uncertain_[static_cast<std::size_t>(camera)]) {
-      rows.push_back(first + k * stride_);
-      weights.insert(weights.end(), column + 3 * k, column + 3 * k + 3);
+      *row++ = first + k * stride_;
+      weight = std::copy_n(column + 3 * k, 3, weight);
     }
   }
   if (moves_frame_) {
     const Eigen::Matrix<double, 3, 6> effect = FrameEffect(point.position_mm);
-    weights.insert(weights.end(), effect.data(), effect.data() + effect.size());
-    const double* row = factor_.data() + factor_.size() - static_cast<std::size_t>(6 * stride_);
-    for (int k = 0; k < 6; ++k, row += stride_) rows.push_back(row);
+    weight = std::copy_n(effect.data(), effect.size(), weight);
+    const double* first = factor_.data() + factor_.size() - static_cast<std::size_t>(6 * stride_);
+    for (int k = 0; k < 6; ++k) *row++ = first + k * stride_;
   }
   double p[6];
-  Kernel()(rows.data(), weights.data(), static_cast<int>(rows.size()), stride_, p);
+  Kernel()(rows.data(), weights.data(), static_cast<int>(row - rows.data()), stride_, p);
   Eigen::Matrix3d part;
   part << p[0], p[1], p[2], p[1], p[3], p[4], p[2], p[4], p[5];
   return part;

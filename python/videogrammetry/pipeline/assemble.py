@@ -26,7 +26,6 @@ from videogrammetry.pipeline.frames import map_bounded
 from videogrammetry.pipeline.linking import Linked
 from videogrammetry.types import (
     POINT_FLAGS,
-    FloatArray,
     IntArray,
     Motion,
     TargetRecords,
@@ -254,6 +253,7 @@ class TrajectoryBuilder:
 
 _COVARIANCES = (("cov_mm2", (6,)), ("cov_image_mm2", (6,)))
 _AMBIGUOUS = 1 << POINT_FLAGS.index("ambiguous")
+
 
 def _target_records(record: ChunkRecord, numbers: IntArray) -> TargetRecords:
     """Every target of a record with the number of the point it went into."""

@@ -104,7 +104,7 @@ def atomic_path(path: str | os.PathLike[str], *, flush: bool = True) -> Iterator
     try:
         yield beside
         if flush:
-            _flush(beside)
+            flush_file(beside)
         os.replace(beside, target)
     except PermissionError as error:
         if beside.name in str(error):  # a name that nobody has chosen nor knows
@@ -208,7 +208,8 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         beside.write_bytes(data)
 
 
-def _flush(path: Path) -> None:
+def flush_file(path: Path) -> None:
+    """Waits until what was written to a file is on the disk."""
     # Opened for writing: Windows flushes only what may be written.
     with path.open("r+b") as file:
         os.fsync(file.fileno())

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry._core import tracking as _tracking
 from videogrammetry.types import FloatArray, IntArray, StagePoints, Trajectories, cov6_from_matrix
@@ -161,7 +162,7 @@ class Tracker:
         return StageLinks(renames=renames, **result)
 
     def add_stages(
-        self, offsets: IntArray, id: IntArray, position_mm: FloatArray, cov_mm2: FloatArray
+        self, offsets: npt.ArrayLike, id: IntArray, position_mm: FloatArray, cov_mm2: FloatArray
     ) -> ManyLinks:
         """Link the points of consecutive stages, as :meth:`add` does one by one.
 

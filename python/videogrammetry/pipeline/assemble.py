@@ -23,7 +23,7 @@ from videogrammetry.motion import (
 from videogrammetry.pipeline.chunk_record import ChunkRecord
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
 from videogrammetry.pipeline.frames import map_bounded
-from videogrammetry.pipeline.linking import Linked
+from videogrammetry.pipeline.linking import FilledPlaces, Linked
 from videogrammetry.types import (
     POINT_FLAGS,
     IntArray,
@@ -176,6 +176,10 @@ def _measured(
         if left_out:
             taken &= linked.flags(store.get(chunk)) & left_out == 0
         measured[stage[taken], column[taken]] = True
+        if linked.filled and not left_out & _FILLED:
+            filled = linked.filled[k]
+            known = at[filled.column] >= 0
+            measured[row + filled.row[known], at[filled.column[known]]] = True
         row += len(point_count)
     return candidates, measured
 
@@ -210,7 +214,10 @@ class TrajectoryBuilder:
         first = 0
         for record, chunk, rows in pieces:
             begin, end, _ = rows.indices(len(record.stage))
-            self._fill(values, first, record, chunk, (begin, end), place)
+            self._put(values, first, record, chunk, (begin, end), place)
+            if self._linked.filled:
+                filled = self._linked.filled[chunk].between(begin, end)
+                _put_filled(values, first, filled, place)
             first += end - begin
         rate = self._rate
         return Trajectories(
@@ -221,7 +228,7 @@ class TrajectoryBuilder:
             **values,
         )
 
-    def _fill(
+    def _put(
         self,
         values: dict[str, npt.NDArray[Any]],
         first: int,
@@ -251,8 +258,24 @@ class TrajectoryBuilder:
                 flat[where[kept]] = own[kept]
 
 
+def _put_filled(
+    values: dict[str, npt.NDArray[Any]],
+    first: int,
+    filled: FilledPlaces,
+    place: npt.NDArray[np.intp],
+) -> None:
+    """Puts what fills gaps to the rows from ``first`` on."""
+    column = place[filled.column]
+    there = column >= 0
+    row, column = first + filled.row[there], column[there]
+    for name in ("position_mm", "cov_mm2", "cov_image_mm2"):
+        values[name][row, column] = getattr(filled, name)[there]
+    values["flags"][row, column] = _FILLED
+
+
 _COVARIANCES = (("cov_mm2", (6,)), ("cov_image_mm2", (6,)))
 _AMBIGUOUS = 1 << POINT_FLAGS.index("ambiguous")
+_FILLED = 1 << POINT_FLAGS.index("filled")
 
 
 def _target_records(record: ChunkRecord, numbers: IntArray) -> TargetRecords:

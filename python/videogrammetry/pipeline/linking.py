@@ -13,7 +13,52 @@ from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
 from videogrammetry.pipeline.numbering import Numbering
 from videogrammetry.pipeline.stability import Stability, StabilityCheck
 from videogrammetry.pipeline.totals import Totals
-from videogrammetry.types import POINT_FLAGS, IntArray
+from videogrammetry.types import POINT_FLAGS, FloatArray, IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilledPlaces:
+    """Points at stages that lack them, estimated from what is around.
+
+    Attributes
+    ----------
+    row : (F,) the stage's place. column : (F,) the point's place in ``Linked.point_id``.
+    position_mm : (F, 3). cov_mm2, cov_image_mm2 : (F, 6).
+    """
+
+    row: npt.NDArray[np.int64]
+    column: IntArray
+    position_mm: FloatArray
+    cov_mm2: FloatArray
+    cov_image_mm2: FloatArray
+
+    @classmethod
+    def none(cls) -> FilledPlaces:
+        """Nothing is filled."""
+        nobody = np.empty(0, np.int64)
+        return cls(
+            row=nobody,
+            column=nobody.astype(np.int32),
+            position_mm=np.empty((0, 3)),
+            cov_mm2=np.empty((0, 6)),
+            cov_image_mm2=np.empty((0, 6)),
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[FilledPlaces]) -> FilledPlaces:
+        """All of them, by stage and point."""
+        joined = {n: np.concatenate([getattr(p, n) for p in parts]) for n in _PLACES}
+        order = np.lexsort([joined["column"], joined["row"]])
+        return cls(**{name: values[order] for name, values in joined.items()})
+
+    def between(self, first: int, last: int) -> FilledPlaces:
+        """Those of the stages from ``first`` to before ``last``, counted from ``first``."""
+        a, b = np.searchsorted(self.row, [first, last]).tolist()
+        own = {name: getattr(self, name)[a:b] for name in _PLACES}
+        return FilledPlaces(**(own | {"row": own["row"] - first}))
+
+
+_PLACES = tuple(FilledPlaces.__dataclass_fields__)
 
 
 @dataclass
@@ -28,7 +73,8 @@ class Linked:
     first, last : (P,) the first and last chunk that has the point.
     stages : (P,) at how many stages it was measured.
     num_targets : of all stages. totals : what is said of them. stability : of the cameras.
-    point_count : of every chunk those of its stages.
+    point_count : of every chunk those of its stages. filled : of every chunk what fills its
+        gaps; empty: nothing was to be filled.
     """
 
     point_id: IntArray
@@ -41,6 +87,7 @@ class Linked:
     totals: Totals
     stability: Stability | None = None
     point_count: list[IntArray] = field(default_factory=list)
+    filled: list[FilledPlaces] = field(default_factory=list)
 
     def flags(self, record: ChunkRecord) -> npt.NDArray[np.uint8]:
         """(P,) those of a record's points, with what all stages say of the cameras."""

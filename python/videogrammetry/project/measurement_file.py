@@ -274,7 +274,7 @@ def _write_block(dataset: h5py.Dataset, place: tuple[int, ...], values: Any) -> 
     stored: Any = data
     if dataset.compression is not None:  # HDF5's filters "shuffle" and "deflate"
         shuffled = data.reshape(-1).view(np.uint8).reshape(-1, data.itemsize).T
-        stored = zlib.compress(np.ascontiguousarray(shuffled), _DEFLATE)
+        stored = zlib.compress(shuffled.tobytes(), _DEFLATE)
     dataset.id.write_direct_chunk((*place, *[0] * (data.ndim - len(place))), stored)
 
 

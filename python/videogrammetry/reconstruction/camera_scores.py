@@ -163,6 +163,8 @@ def camera_scores(
     effect = np.zeros((num_looks, _POSE * cameras, factor.shape[1]))
     if factor.size:
         for k, of_look in enumerate(rows):
+            if not len(of_look):  # pictures without a target: they say nothing
+                continue
             by_pose = augmented[of_look, ..., :_POSE]
             effect[k], pictures = _by_calibration(by_camera[of_look], by_pose, factor)
             if root is not None and poses is not None:

@@ -27,7 +27,6 @@ from videogrammetry.motion import MotionOptions
 from videogrammetry.pipeline.assemble import (
     TrajectoryBuilder,
     assemble,
-    link_chunks,
     plan_of_chunks,
 )
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
@@ -35,6 +34,7 @@ from videogrammetry.pipeline.chunk_job import ChunkOptions, ChunkWorker, chunks_
 from videogrammetry.pipeline.chunk_record import make_record
 from videogrammetry.pipeline.chunk_store import FolderStore
 from videogrammetry.pipeline.frames import map_bounded
+from videogrammetry.pipeline.linking import Linker, link_chunks
 from videogrammetry.pipeline.measure_job import first_free_id
 from videogrammetry.project import MeasurementLayout, open_measurement_writer
 from videogrammetry.recognition import (
@@ -151,7 +151,7 @@ class Clock:
 
 
 def parts(rig, sources, options, models, stages, store) -> Clock:
-    """The same work on one thread, its parts timed one by one."""
+    """The same work, its parts timed one by one."""
     clock = Clock()
     triangulator = Triangulator(rig)
     field, volume = CalibrationField(triangulator), CalibratedVolume(rig)
@@ -184,6 +184,8 @@ def parts(rig, sources, options, models, stages, store) -> Clock:
         stage = np.arange(first, last + 1)
         record = clock.run("record", make_record, result, stage, volume)
         clock.run("keep", store.put, (first, last), record)
+    chunks = chunks_of(1, stages)
+    clock.run("number", link_chunks, store, chunks, first_free_id(options.recognition))
     return clock
 
 
@@ -255,20 +257,22 @@ def run(rig, sources, options, stages, threads, folder) -> None:
         store.put(chunk, worker(*chunk))
         return anonymous_mb()
 
-    for used in map_bounded(work, chunks, threads):
+    linker = Linker(store, chunks, first_free_id(options.recognition))
+    for chunk, used in zip(chunks, map_bounded(work, chunks, threads), strict=True):
         peak = max(peak, used)
+        linker.add(chunk)  # as measure does, while the next ones are being measured
     measured = time.perf_counter()
-    linked = link_chunks(store, chunks, first_free_id(options.recognition))
-    numbered = time.perf_counter()
+    linked = linker.result()
+    numbered, tail = time.perf_counter(), time.process_time()
     write(rig, store, chunks, linked, folder / "measurement.h5")
-    end = time.perf_counter()
+    end, tail = time.perf_counter(), time.process_time() - tail
     peak = max(peak, anonymous_mb())
     cpu = time.process_time() - cpu
     rms, normalised, least = error_of(store, chunks)
     read_s = read_once(sources, min(stages, 256)) * stages / min(stages, 256)
     seconds = {
         "measure the chunks": measured - begin,
-        "number the points": numbered - measured,
+        "and number the points: what is left": numbered - measured,
         "motion and file": end - numbered,
         "all": end - begin,
     }
@@ -277,7 +281,8 @@ def run(rig, sources, options, stages, threads, folder) -> None:
     for name, value in seconds.items():
         print(f"| {name} | {value:.2f} | {value / stages * 1e6:.0f} | {stages / value:.0f} |")
     print(
-        f"\nprocessor time {cpu / stages * 1e6:.0f} us a stage; reading all bytes once "
+        f"\nprocessor time {cpu / stages * 1e6:.0f} us a stage, {tail / stages * 1e6:.0f} of them "
+        f"motion and file; reading all bytes once "
         f"{read_s / stages * 1e6:.0f} us (ratio {(end - begin) / read_s:.1f}); anonymous memory "
         f"{peak:.0f} MB at most\nerror {rms:.4f} mm an axis, {normalised:.2f} of its sigma; "
         f"{least} of {TARGETS} points at the worst stage"

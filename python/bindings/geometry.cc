@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <limits>
 #include <optional>
 
@@ -11,6 +12,7 @@
 #include "videogrammetry/geometry/circle.h"
 #include "videogrammetry/geometry/circle_normal.h"
 #include "videogrammetry/geometry/conic.h"
+#include "videogrammetry/geometry/half_spaces.h"
 #include "videogrammetry/geometry/remap.h"
 #include "videogrammetry/geometry/rig.h"
 
@@ -55,6 +57,21 @@ py::tuple ProjectWithJacobians(const Camera& camera,
     }
   }
   return py::make_tuple(pixels, by_point, by_interior);
+}
+
+using Array = py::array_t<double, py::array::c_style>;
+
+py::array_t<bool> Inside(const Array& points, const Array& planes, double border) {
+  std::vector<char> inside;
+  {
+    const py::gil_scoped_release release;
+    inside = InsideHalfSpaces({points.data(), static_cast<std::size_t>(points.size())},
+                              {planes.data(), static_cast<std::size_t>(planes.size())}, border);
+  }
+  py::array_t<bool> result(static_cast<py::ssize_t>(inside.size()));
+  std::transform(inside.begin(), inside.end(), result.mutable_data(),
+                 [](char value) { return value != 0; });
+  return result;
 }
 
 Rows<3> Rays(const Camera& camera, const Eigen::Ref<const Rows<2>>& pixels) {
@@ -270,6 +287,7 @@ void BindGeometry(py::module_& parent) {
       .value("lanczos", Interpolation::kLanczos);
   BindRemap<std::uint8_t>(m);
   BindRemap<std::uint16_t>(m);
+  m.def("inside_half_spaces", &Inside, "points"_a.noconvert(), "planes"_a.noconvert(), "border"_a);
   m.def("nearest_rotation", &NearestRotation, "matrix"_a);
 }
 

@@ -27,13 +27,15 @@ CameraTargets MakeTargets(const Array<double>& xy_px, const Array<double>& cov_p
         "targets: expected xy_px (N, 2), cov_px2 (N, 3), id (N), semi_major_px (N)");
   }
   CameraTargets targets;
+  targets.xy_px.resize(n);
+  targets.cov_px2.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
-    targets.xy_px.emplace_back(xy_px.data()[2 * i], xy_px.data()[2 * i + 1]);
+    targets.xy_px[i] = {xy_px.data()[2 * i], xy_px.data()[2 * i + 1]};
     const double* c = cov_px2.data() + 3 * i;
-    targets.cov_px2.push_back((Eigen::Matrix2d() << c[0], c[1], c[1], c[2]).finished());
-    targets.id.push_back(id.data()[i]);
-    targets.semi_major_px.push_back(semi_major_px.data()[i]);
+    targets.cov_px2[i] << c[0], c[1], c[1], c[2];
   }
+  targets.id.assign(id.data(), id.data() + n);
+  targets.semi_major_px.assign(semi_major_px.data(), semi_major_px.data() + n);
   return targets;
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "bindings.h"
+#include "videogrammetry/reconstruction/bilinear.h"
 #include "videogrammetry/reconstruction/pose_scores.h"
 #include "videogrammetry/reconstruction/triangulate.h"
 
@@ -141,6 +142,22 @@ py::dict PoseScoreArrays(const Rig& rig, const Array<std::int64_t>& offsets,
                   "by_calibration"_a = Shaped(scores.by_calibration, {k, 6 * c, rank}));
 }
 
+py::array_t<double> BilinearArray(const Array<double>& nodes, double width_px, double height_px,
+                                  const Array<double>& xy_px) {
+  if (nodes.ndim() != 3) throw std::invalid_argument("nodes: expected (rows, columns, 3)");
+  const PictureNodes grid = {{nodes.data(), static_cast<std::size_t>(nodes.size())},
+                             static_cast<int>(nodes.shape(1)),
+                             static_cast<int>(nodes.shape(0)),
+                             width_px,
+                             height_px};
+  std::vector<double> values;
+  {
+    const py::gil_scoped_release release;
+    values = Bilinear(grid, {xy_px.data(), static_cast<std::size_t>(xy_px.size())});
+  }
+  return Shaped(values, {xy_px.size() / 2, 3});
+}
+
 }  // namespace
 
 void BindReconstruction(py::module_& parent) {
@@ -150,6 +167,8 @@ void BindReconstruction(py::module_& parent) {
         "num_threads"_a, "diameter_mm"_a.noconvert(), "ellipse"_a.noconvert(),
         "ellipse_cov"_a.noconvert(), "normal"_a.noconvert(), "normal_cov"_a.noconvert(),
         "thickness_mm"_a);
+  m.def("bilinear", &BilinearArray, "nodes"_a.noconvert(), "width_px"_a, "height_px"_a,
+        "xy_px"_a.noconvert());
   m.def("point_derivatives", &PointDerivativeArray, "rig"_a, "offsets"_a.noconvert(),
         "camera"_a.noconvert(), "cov_px2"_a.noconvert(), "position_mm"_a.noconvert(),
         "frame_by_parameters"_a, "num_threads"_a);

@@ -1,6 +1,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "bindings.h"
@@ -77,6 +78,73 @@ py::dict Add(Tracker& tracker, const Array<std::int32_t>& id, const Array<double
   return ToDict(links);
 }
 
+/// What some stages gave, one after the other; changes with the stage at which they came.
+struct ManyLinks {
+  std::vector<int> number, rename_at, rename_from, rename_to;
+  std::vector<double> log_odds;
+  std::vector<int> revised_at, revised_stage, revised_row, revised_number;
+  std::vector<double> revised_log_odds;
+
+  void Add(int stage, const StageLinks& links) {
+    number.insert(number.end(), links.number.begin(), links.number.end());
+    log_odds.insert(log_odds.end(), links.log_odds.begin(), links.log_odds.end());
+    for (const Rename& r : links.renames) {
+      rename_at.push_back(stage);
+      rename_from.push_back(r.from);
+      rename_to.push_back(r.to);
+    }
+    for (const Revision& r : links.revisions) {
+      revised_at.push_back(stage);
+      revised_stage.push_back(r.stage);
+      revised_row.push_back(r.row);
+      revised_number.push_back(r.number);
+      revised_log_odds.push_back(r.log_odds);
+    }
+  }
+};
+
+py::dict AddStages(Tracker& tracker, const Array<std::int64_t>& offsets,
+                   const Array<std::int32_t>& id, const Array<double>& position_mm,
+                   const Array<double>& cov6_mm2) {
+  if (position_mm.size() != 3 * id.size() || cov6_mm2.size() != 6 * id.size()) {
+    throw std::invalid_argument("points: expected id (P,), position_mm (P, 3), cov_mm2 (P, 6)");
+  }
+  const std::int64_t* begin = offsets.data();
+  const auto stages = static_cast<int>(offsets.size()) - 1;
+  if (stages < 0 || begin[0] != 0 || begin[stages] != id.size() ||
+      !std::is_sorted(begin, begin + stages + 1)) {
+    throw std::invalid_argument("offsets: expected to rise from 0 to the number of points");
+  }
+  ManyLinks links;
+  {
+    const py::gil_scoped_release release;
+    std::vector<int> ids;
+    std::vector<Eigen::Vector3d> positions;
+    std::vector<Eigen::Matrix3d> covariances;
+    for (int s = 0; s < stages; ++s) {
+      ids.assign(id.data() + begin[s], id.data() + begin[s + 1]);
+      positions.clear();
+      covariances.clear();
+      for (std::int64_t i = begin[s]; i < begin[s + 1]; ++i) {
+        positions.emplace_back(Eigen::Map<const Eigen::Vector3d>(position_mm.data() + 3 * i));
+        const double* c = cov6_mm2.data() + 6 * i;
+        covariances.emplace_back() << c[0], c[1], c[2], c[1], c[3], c[4], c[2], c[4], c[5];
+      }
+      links.Add(s, tracker.Add(ids, positions, covariances));
+    }
+  }
+  return py::dict("number"_a = ToArray<std::int32_t>(links.number),
+                  "log_odds"_a = ToArray<double>(links.log_odds),
+                  "rename_at"_a = ToArray<std::int32_t>(links.rename_at),
+                  "rename_from"_a = ToArray<std::int32_t>(links.rename_from),
+                  "rename_to"_a = ToArray<std::int32_t>(links.rename_to),
+                  "revised_at"_a = ToArray<std::int32_t>(links.revised_at),
+                  "revised_stage"_a = ToArray<std::int32_t>(links.revised_stage),
+                  "revised_row"_a = ToArray<std::int32_t>(links.revised_row),
+                  "revised_number"_a = ToArray<std::int32_t>(links.revised_number),
+                  "revised_log_odds"_a = ToArray<double>(links.revised_log_odds));
+}
+
 py::tuple Fill(const Array<double>& position_mm, const Array<double>& cov_mm2,
                const FillOptions& options) {
   if (position_mm.ndim() != 3 || cov_mm2.size() != 3 * position_mm.size()) {
@@ -120,6 +188,7 @@ void BindTracking(py::module_& parent) {
   py::class_<Tracker>(m, "Tracker")
       .def(py::init<int, const LinkOptions&>(), "first_free_id"_a, "options"_a)
       .def("add", &Add, "id"_a, "position_mm"_a, "cov_mm2"_a)
+      .def("add_stages", &AddStages, "offsets"_a, "id"_a, "position_mm"_a, "cov_mm2"_a)
       .def_property_readonly("num_points", &Tracker::num_points);
   py::class_<FillOptions>(m, "FillOptions")
       .def(py::init<>())

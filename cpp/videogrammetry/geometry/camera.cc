@@ -111,8 +111,13 @@ Eigen::Vector2d Distortion(const Camera& camera, const Eigen::Vector2d& point_px
   return d;
 }
 
-std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector3d& point_in_cam,
-                                       ProjectionJacobians* jacobians) {
+namespace {
+
+/// Project; the inversion begins at `near_px` where that is known.
+std::optional<Eigen::Vector2d> ProjectFrom(const Camera& camera,
+                                           const Eigen::Vector3d& point_in_cam,
+                                           const Eigen::Vector2d* near_px,
+                                           ProjectionJacobians* jacobians) {
   const double z = point_in_cam.z();
   if (!(z > 0)) return std::nullopt;
   const double f = camera.f_px();
@@ -124,7 +129,9 @@ std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector
   Eigen::Vector2d image;     // from the principal point
   Eigen::Matrix2d by_ideal;  // d image / d ideal
   if (measured) {
-    const std::optional<Inverse> inverse = InvertDistortion(camera, ideal);
+    const std::optional<Inverse> inverse =
+        near_px != nullptr ? InvertNear(camera, ideal, *near_px - camera.principal_point_px())
+                           : InvertDistortion(camera, ideal);
     if (!inverse) return std::nullopt;
     image = inverse->point_px;
     if (jacobians != nullptr) by_ideal = inverse->jacobian.inverse();
@@ -149,6 +156,20 @@ std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector
         measured ? Eigen::Matrix<double, 2, 7>(-by_ideal * by_parameters) : by_parameters;
   }
   return Eigen::Vector2d(image + camera.principal_point_px());
+}
+
+}  // namespace
+
+std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector3d& point_in_cam,
+                                       ProjectionJacobians* jacobians) {
+  return ProjectFrom(camera, point_in_cam, nullptr, jacobians);
+}
+
+std::optional<Eigen::Vector2d> ProjectNear(const Camera& camera,
+                                           const Eigen::Vector3d& point_in_cam,
+                                           const Eigen::Vector2d& near_px,
+                                           ProjectionJacobians* jacobians) {
+  return ProjectFrom(camera, point_in_cam, &near_px, jacobians);
 }
 
 std::optional<Eigen::Vector2d> ProjectNear(const Camera& camera,

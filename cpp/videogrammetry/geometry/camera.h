@@ -65,6 +65,12 @@ Eigen::Vector2d Distortion(const Camera& camera, const Eigen::Vector2d& point_px
 std::optional<Eigen::Vector2d> Project(const Camera& camera, const Eigen::Vector3d& point_in_cam,
                                        ProjectionJacobians* jacobians = nullptr);
 
+/// The same with the derivatives, where the picture is known to be near `near_px`.
+std::optional<Eigen::Vector2d> ProjectNear(const Camera& camera,
+                                           const Eigen::Vector3d& point_in_cam,
+                                           const Eigen::Vector2d& near_px,
+                                           ProjectionJacobians* jacobians);
+
 /// The same where the picture is known to be near `near_px`, with the derivative by the
 /// point alone: the inversion begins there and is done in two steps.
 std::optional<Eigen::Vector2d> ProjectNear(const Camera& camera,

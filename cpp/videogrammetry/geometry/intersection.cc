@@ -1,6 +1,5 @@
 #include "videogrammetry/geometry/intersection.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -39,14 +38,18 @@ bool MakeRays(const Rig& rig, std::span<const Sighting> sightings, bool behind_w
 }
 
 double LargestAngle(const std::vector<Ray>& rays) {
-  double largest = 0;
+  // The tangents' squares, as fractions, rise as the angles do: one arc alone is needed.
+  double sine2 = 0, cosine2 = 1;
   for (std::size_t i = 0; i < rays.size(); ++i) {
     for (std::size_t j = i + 1; j < rays.size(); ++j) {
-      largest = std::max(largest, std::atan2(rays[i].direction.cross(rays[j].direction).norm(),
-                                             std::abs(rays[i].direction.dot(rays[j].direction))));
+      const double s2 = rays[i].direction.cross(rays[j].direction).squaredNorm();
+      const double c = rays[i].direction.dot(rays[j].direction), c2 = c * c;
+      if (!(s2 * cosine2 > sine2 * c2)) continue;
+      sine2 = s2;
+      cosine2 = c2;
     }
   }
-  return largest;
+  return std::atan2(std::sqrt(sine2), std::sqrt(cosine2));
 }
 
 Eigen::Vector3d NearestPoint(const std::vector<Ray>& rays) {
@@ -58,7 +61,7 @@ Eigen::Vector3d NearestPoint(const std::vector<Ray>& rays) {
     normal += across;
     right += across * ray.origin_mm;
   }
-  return normal.ldlt().solve(right);
+  return normal.inverse() * right;  // a start value
 }
 
 /// The point nearest to the rays, before all of their origins.
@@ -78,6 +81,7 @@ struct Linearised {
 /// What is known of a sighting at the present place of the point.
 struct Ray2d {
   Eigen::Matrix2d weight;
+  Eigen::Vector2d near_px;  // about where its picture is
   Eigen::Vector2d residual_px;
   Eigen::Matrix<double, 2, 3> by_point;
 };
@@ -88,8 +92,9 @@ bool Linearise(const Rig& rig, std::span<const Sighting> sightings, const Eigen:
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     Ray2d& ray = (*rays)[i];
     const auto pixel = ProjectFromWorld(rig[static_cast<std::size_t>(sightings[i].camera)],
-                                        position, sightings[i].pixel, &ray.by_point);
+                                        position, ray.near_px, &ray.by_point);
     if (!pixel) return false;
+    ray.near_px = *pixel;
     ray.residual_px = sightings[i].pixel - *pixel;
     const Eigen::Matrix<double, 3, 2> weighted = ray.by_point.transpose() * ray.weight;
     system->normal.noalias() += weighted * ray.by_point;
@@ -99,11 +104,11 @@ bool Linearise(const Rig& rig, std::span<const Sighting> sightings, const Eigen:
 }
 
 /// The point after a step so small that the linearisation holds.
-IntersectionStatus Finish(const Linearised& system, const Eigen::Vector3d& position,
-                          const Eigen::Vector3d& step, const std::vector<Ray2d>& rays,
+IntersectionStatus Finish(const Eigen::Vector3d& position, const Eigen::Vector3d& step,
+                          const Eigen::Matrix3d& cov_mm2, const std::vector<Ray2d>& rays,
                           double convergence_rad, Intersection* result) {
   result->position_mm = position;
-  result->cov_mm2 = system.normal.inverse();
+  result->cov_mm2 = cov_mm2;
   result->convergence_rad = convergence_rad;
   result->chi2 = 0.0;
   result->residuals_px.resize(rays.size());
@@ -120,7 +125,7 @@ IntersectionStatus Finish(const Linearised& system, const Eigen::Vector3d& posit
 IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings,
                              Intersection* result) {
   if (sightings.size() < 2) return IntersectionStatus::kTooFewRays;
-  std::vector<Ray> rays;
+  thread_local std::vector<Ray> rays;  // so that no point costs an allocation
   if (!MakeRays(rig, sightings, true, &rays)) return IntersectionStatus::kNotConverged;
   const double convergence = LargestAngle(rays);
   if (!(convergence > kMinConvergenceRad)) return IntersectionStatus::kParallelRays;
@@ -131,9 +136,12 @@ IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings
   }
   if (!start) return IntersectionStatus::kBehindCamera;
   Eigen::Vector3d position = *start;
-  thread_local std::vector<Ray2d> lines;  // so that no point costs an allocation
+  thread_local std::vector<Ray2d> lines;
   lines.resize(sightings.size());
-  for (std::size_t i = 0; i < lines.size(); ++i) lines[i].weight = sightings[i].cov_px2.inverse();
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    lines[i].weight = sightings[i].cov_px2.inverse();
+    lines[i].near_px = sightings[i].pixel;
+  }
 
   Linearised system;
   double before = 0.0;
@@ -141,16 +149,18 @@ IntersectionStatus Intersect(const Rig& rig, std::span<const Sighting> sightings
     if (!Linearise(rig, sightings, position, &system, &lines)) {
       return IntersectionStatus::kBehindCamera;
     }
-    const Eigen::Vector3d step = system.normal.ldlt().solve(system.right);
+    const Eigen::Matrix3d cov = system.normal.inverse();
+    const Eigen::Vector3d step = cov * system.right;
     if (!step.allFinite()) return IntersectionStatus::kNotConverged;
     position += step;
     // A step of a millionth of a sigma changes nothing that can be measured, be it
     // this one or the next, which is smaller by what this one was than the one before.
     const double size = std::sqrt(std::max(step.dot(system.normal * step), 0.0));
     if (size < kSmallStep || (i > 0 && size < kLinearStep && size * size < kSmallStep * before)) {
-      return Finish(system, position, step, lines, convergence, result);
+      return Finish(position, step, cov, lines, convergence, result);
     }
     before = size;
+    for (Ray2d& ray : lines) ray.near_px += ray.by_point * step;
   }
   return IntersectionStatus::kNotConverged;
 }

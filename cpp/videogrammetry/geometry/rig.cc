@@ -1,10 +1,13 @@
 #include "videogrammetry/geometry/rig.h"
 
 namespace videogrammetry {
+namespace {
 
-std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
-                                                const Eigen::Vector3d& point_in_world,
-                                                OrientedJacobians* jacobians) {
+/// ProjectFromWorld; the search for the picture begins at `near_px` where that is known.
+std::optional<Eigen::Vector2d> ProjectFrom(const OrientedCamera& oriented,
+                                           const Eigen::Vector3d& point_in_world,
+                                           const Eigen::Vector2d* near_px,
+                                           OrientedJacobians* jacobians) {
   const Rigid3& pose = oriented.cam_from_world;
   Eigen::Vector3d seen = point_in_world;
   RefractionJacobians window;
@@ -17,8 +20,10 @@ std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
   }
   const Eigen::Vector3d rotated = pose.rotation * seen;
   ProjectionJacobians inner;
-  const auto pixel = Project(oriented.camera, rotated + pose.translation_mm,
-                             jacobians != nullptr ? &inner : nullptr);
+  const Eigen::Vector3d in_cam = rotated + pose.translation_mm;
+  const auto pixel = near_px != nullptr ? ProjectNear(oriented.camera, in_cam, *near_px, &inner)
+                                        : Project(oriented.camera, in_cam,
+                                                  jacobians != nullptr ? &inner : nullptr);
   if (!pixel || jacobians == nullptr) return pixel;
   // x_in_cam = exp(w) R x + t: d x_in_cam / d w = -[R x]_x at w = 0.
   auto minus_cross = [](const Eigen::Vector3d& v) {
@@ -39,6 +44,21 @@ std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
   jacobians->by_camera.rightCols<3>() -= by_center;
   jacobians->by_point *= window.by_point;
   return pixel;
+}
+
+}  // namespace
+
+std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
+                                                const Eigen::Vector3d& point_in_world,
+                                                OrientedJacobians* jacobians) {
+  return ProjectFrom(oriented, point_in_world, nullptr, jacobians);
+}
+
+std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
+                                                const Eigen::Vector3d& point_in_world,
+                                                const Eigen::Vector2d& near_px,
+                                                OrientedJacobians* jacobians) {
+  return ProjectFrom(oriented, point_in_world, &near_px, jacobians);
 }
 
 std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,

@@ -42,6 +42,12 @@ std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
                                                 const Eigen::Vector3d& point_in_world,
                                                 OrientedJacobians* jacobians = nullptr);
 
+/// The same with all derivatives; `near_px` is about where the picture is.
+std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,
+                                                const Eigen::Vector3d& point_in_world,
+                                                const Eigen::Vector2d& near_px,
+                                                OrientedJacobians* jacobians);
+
 /// The same with the derivative by the point alone, three times as fast. `near_px` is
 /// about where the picture is: the search for it begins there.
 std::optional<Eigen::Vector2d> ProjectFromWorld(const OrientedCamera& oriented,

@@ -26,6 +26,21 @@ std::uint64_t Key(const ViewTarget& s) {
   return Mix((static_cast<std::uint64_t>(s.camera) << 32) | static_cast<std::uint32_t>(s.target));
 }
 
+// One-sided normal quantile of the two-sided level of z, for z in the range used.
+double OneSided(double z) {
+  const double level = std::erfc(z / std::numbers::sqrt2);
+  double one_sided = z;
+  for (int i = 0; i < 30; ++i) {
+    const double p = 0.5 * std::erfc(one_sided / std::numbers::sqrt2);
+    const double slope = std::exp(-0.5 * one_sided * one_sided) / std::sqrt(2 * std::numbers::pi);
+    if (!(slope > 0)) break;
+    const double before = one_sided;
+    one_sided += (p - level) / slope;
+    if (one_sided == before) break;
+  }
+  return one_sided;
+}
+
 }  // namespace
 
 std::uint64_t SetKey(std::span<const ViewTarget> used) {
@@ -38,14 +53,11 @@ std::uint64_t SetKey(const ViewTarget& a, const ViewTarget& b) { return Key(a) +
 
 double ChiSquareLimit(int dof, double z) {
   if (dof == 1) return z * z;
-  // One-sided normal quantile of the same level, for z in the range used.
-  const double level = std::erfc(z / std::numbers::sqrt2);
-  double one_sided = z;
-  for (int i = 0; i < 30; ++i) {
-    const double p = 0.5 * std::erfc(one_sided / std::numbers::sqrt2);
-    const double slope = std::exp(-0.5 * one_sided * one_sided) / std::sqrt(2 * std::numbers::pi);
-    if (!(slope > 0)) break;
-    one_sided += (p - level) / slope;
+  // Every stage asks for the same.
+  thread_local double last_z = 0.0, one_sided = 0.0;
+  if (z != last_z) {
+    one_sided = OneSided(z);
+    last_z = z;
   }
   const double k = 2.0 / (9.0 * dof);
   return dof * std::pow(1.0 - k + one_sided * std::sqrt(k), 3);

@@ -131,6 +131,7 @@ bool Chunk::FindPredicted(std::size_t stage, int id, const Eigen::Matrix3d& cov,
   for (std::size_t c = 0; c < num_cameras_; ++c) {
     Eigen::Vector2d xy;
     Eigen::Matrix<double, 2, 3> by;
+    targets_[c].MakeGrid();
     if (targets_[c].size() == 0 || !views_[c].Project(point->position_mm, &xy, &by)) continue;
     const Eigen::Matrix2d predicted = by * cov * by.transpose();
     const double sigma = targets_[c].max_sigma();

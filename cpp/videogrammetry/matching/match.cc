@@ -121,6 +121,7 @@ void StageMatcher::Begin(std::span<const CameraTargets> cameras) {
   candidates_.clear();
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     targets_[c].Set(views_[c], cameras[c].xy_px, cameras[c].cov_px2);
+    targets_[c].MakeGrid();
     free_.emplace_back(cameras[c].size(), 1);
     result_.status.emplace_back(cameras[c].size(), TargetMatch::kNoPartner);
     num_targets_.push_back(cameras[c].size());

@@ -76,11 +76,11 @@ void TargetView::Set(const CameraView& camera, std::span<const Eigen::Vector2d> 
                      std::span<const Eigen::Matrix2d> cov_px2) {
   const std::size_t n = xy_px.size();
   window_ = camera.has_window();
+  has_grid_ = false;
   center_ = camera.center();
   xy_.resize(n);
   cov_.resize(n);
   weight_.resize(n);
-  log_det_.resize(n);
   sigma_.resize(n);
   valid_.assign(n, 0);
   direction_.resize(n);
@@ -99,7 +99,6 @@ void TargetView::Set(const CameraView& camera, std::span<const Eigen::Vector2d> 
     const double determinant = cov_[i].determinant();
     if (!(determinant > 0) || !std::isfinite(determinant)) continue;
     weight_[i] = cov_[i].inverse();
-    log_det_[i] = std::log(determinant);
     sigma_[i] = std::sqrt(cov_[i].diagonal().maxCoeff());
     direction_[i] = to_world * *ray;
     if (window_) {
@@ -114,16 +113,20 @@ void TargetView::Set(const CameraView& camera, std::span<const Eigen::Vector2d> 
     }
     valid_[i] = 1;
   }
-  MakeGrid();
 }
 
 void TargetView::MakeGrid() {
+  if (has_grid_) return;
+  has_grid_ = true;
   wide_.clear();
   order_.clear();
+  log_det_.resize(size());
   columns_ = rows_ = 0;
   max_sigma_ = 0;
   for (std::size_t i = 0; i < size(); ++i) {
-    if (valid_[i]) order_.push_back(static_cast<int>(i));
+    if (!valid_[i]) continue;
+    order_.push_back(static_cast<int>(i));
+    log_det_[i] = std::log(cov_[i].determinant());
   }
   if (order_.empty()) return;
   auto middle = order_.begin() + static_cast<std::ptrdiff_t>(order_.size() / 2);

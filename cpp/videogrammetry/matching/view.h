@@ -45,9 +45,12 @@ class CameraView {
 /// The targets of one picture in normalised coordinates, in the cells of a grid.
 class TargetView {
  public:
-  /// Replaces what it holds; storage is used again.
+  /// Replaces what it holds; storage is used again. Without a grid: see MakeGrid.
   void Set(const CameraView& camera, std::span<const Eigen::Vector2d> xy_px,
            std::span<const Eigen::Matrix2d> cov_px2);
+
+  /// What max_sigma, log_det, wide, ForBox and ForSegment need; nothing if it is there.
+  void MakeGrid();
 
   std::size_t size() const { return xy_.size(); }
   bool valid(std::size_t i) const { return valid_[i] != 0; }
@@ -120,9 +123,9 @@ class TargetView {
       f(static_cast<std::size_t>(order_[k]));
     }
   }
-  void MakeGrid();
 
   bool window_ = false;
+  bool has_grid_ = false;
   Eigen::Vector3d center_;
   std::vector<Eigen::Vector2d> xy_;
   std::vector<Eigen::Matrix2d> cov_, weight_;

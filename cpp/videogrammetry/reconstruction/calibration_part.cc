@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -24,12 +25,16 @@ const WeightedRowsKernel& Kernel() {
 bool Gain(const Rig& rig, std::span<const Sighting> sightings, const Intersection& point,
           Eigen::Matrix<double, 3, Eigen::Dynamic>* gain) {
   gain->resize(3, static_cast<Eigen::Index>(sightings.size()) * kNumCameraParameters);
+  const bool intersected = point.residuals_px.size() == sightings.size();
   for (std::size_t i = 0; i < sightings.size(); ++i) {
     const Sighting& s = sightings[i];
+    const OrientedCamera& camera = rig[static_cast<std::size_t>(s.camera)];
     OrientedJacobians jacobians;
-    if (!ProjectFromWorld(rig[static_cast<std::size_t>(s.camera)], point.position_mm, &jacobians)) {
-      return false;
-    }
+    const auto pixel =
+        intersected ? ProjectFromWorld(camera, point.position_mm,
+                                       Eigen::Vector2d(s.pixel - point.residuals_px[i]), &jacobians)
+                    : ProjectFromWorld(camera, point.position_mm, &jacobians);
+    if (!pixel) return false;
     const Eigen::Matrix<double, 3, 2> by_pixel =
         -point.cov_mm2 * jacobians.by_point.transpose() * s.cov_px2.inverse();
     gain->middleCols<kNumCameraParameters>(static_cast<Eigen::Index>(i) * kNumCameraParameters)
@@ -72,6 +77,12 @@ CalibrationPart::CalibrationPart(const Rig& rig, const RigCovariance& covariance
   if (moves_frame_) {
     rows.bottomLeftCorner(6, rank_) = -covariance.frame_by_parameters * factor;
   }
+  uncertain_.resize(rig.size());
+  for (Eigen::Index i = 0; i < c.rows(); ++i) {
+    if (rows.row(i).isZero(0.0)) continue;
+    uncertain_[static_cast<std::size_t>(i / kNumCameraParameters)].push_back(
+        static_cast<int>(i % kNumCameraParameters));
+  }
 }
 
 Eigen::Matrix3d CalibrationPart::Of(std::span<const Sighting> sightings,
@@ -83,20 +94,28 @@ Eigen::Matrix3d CalibrationPart::Of(std::span<const Sighting> sightings,
   if (!Gain(rig_, sightings, point, &gain)) {
     return Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
   }
-  rows.clear();
-  for (const Sighting& s : sightings) {
-    const double* row = factor_.data() + s.camera * kNumCameraParameters * stride_;
-    for (int k = 0; k < kNumCameraParameters; ++k, row += stride_) rows.push_back(row);
+  const std::size_t most = (sightings.size() * kNumCameraParameters) + 6;
+  rows.resize(most);
+  weights.resize(3 * most);  // three a row of L
+  const double** row = rows.data();
+  double* weight = weights.data();
+  for (std::size_t i = 0; i < sightings.size(); ++i) {
+    const int camera = sightings[i].camera;
+    const double* first = factor_.data() + camera * kNumCameraParameters * stride_;
+    const double* column = gain.data() + i * 3 * kNumCameraParameters;
+    for (const int k : uncertain_[static_cast<std::size_t>(camera)]) {
+      *row++ = first + k * stride_;
+      weight = std::copy_n(column + 3 * k, 3, weight);
+    }
   }
-  weights.assign(gain.data(), gain.data() + gain.size());  // column by column: three a row of L
   if (moves_frame_) {
     const Eigen::Matrix<double, 3, 6> effect = FrameEffect(point.position_mm);
-    weights.insert(weights.end(), effect.data(), effect.data() + effect.size());
-    const double* row = factor_.data() + factor_.size() - static_cast<std::size_t>(6 * stride_);
-    for (int k = 0; k < 6; ++k, row += stride_) rows.push_back(row);
+    weight = std::copy_n(effect.data(), effect.size(), weight);
+    const double* first = factor_.data() + factor_.size() - static_cast<std::size_t>(6 * stride_);
+    for (int k = 0; k < 6; ++k) *row++ = first + k * stride_;
   }
   double p[6];
-  Kernel()(rows.data(), weights.data(), static_cast<int>(rows.size()), stride_, p);
+  Kernel()(rows.data(), weights.data(), static_cast<int>(row - rows.data()), stride_, p);
   Eigen::Matrix3d part;
   part << p[0], p[1], p[2], p[1], p[3], p[4], p[2], p[4], p[5];
   return part;

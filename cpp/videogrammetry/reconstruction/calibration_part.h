@@ -36,9 +36,10 @@ class CalibrationPart {
   const Rig& rig_;
   bool given_ = false;
   bool moves_frame_ = false;
-  int rank_ = 0;                ///< columns of L
-  int stride_ = 0;              ///< the next multiple of eight
-  std::vector<double> factor_;  ///< row-major (16 K + 6, stride): L, then -M L
+  int rank_ = 0;                             ///< columns of L
+  int stride_ = 0;                           ///< the next multiple of eight
+  std::vector<std::vector<int>> uncertain_;  ///< a camera: its rows of L that are not zero
+  std::vector<double> factor_;               ///< row-major (16 K + 6, stride): L, then -M L
 };
 
 }  // namespace videogrammetry

@@ -52,8 +52,10 @@ void CheckCovariance(const Rig& rig, const RigCovariance& covariance) {
   }
 }
 
-std::vector<Sighting> SightingsOf(const MatchArrays& matches, std::size_t point) {
-  std::vector<Sighting> sightings;
+/// The sightings of a point, valid until those of the next one are asked for in the thread.
+std::span<const Sighting> SightingsOf(const MatchArrays& matches, std::size_t point) {
+  thread_local std::vector<Sighting> sightings;
+  sightings.clear();
   for (auto m = static_cast<std::size_t>(matches.offsets[point]);
        m < static_cast<std::size_t>(matches.offsets[point + 1]); ++m) {
     Sighting s;
@@ -67,7 +69,7 @@ std::vector<Sighting> SightingsOf(const MatchArrays& matches, std::size_t point)
 }
 
 // (J^T W J)^-1 of a given point; false if its rays do not determine it.
-bool NoiseCovariance(const Rig& rig, const std::vector<Sighting>& sightings, Intersection* point) {
+bool NoiseCovariance(const Rig& rig, std::span<const Sighting> sightings, Intersection* point) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   for (const Sighting& s : sightings) {
     OrientedJacobians jacobians;
@@ -93,7 +95,7 @@ Eigen::MatrixXd SharedFrameMotion(const Rig& rig, const MatchArrays& matches) {
       Eigen::MatrixXd::Zero(6, static_cast<Eigen::Index>(rig.size()) * kNumCameraParameters);
   int used = 0;
   for (std::size_t i = 0; i + 1 < matches.offsets.size(); ++i) {
-    const std::vector<Sighting> sightings = SightingsOf(matches, i);
+    const std::span<const Sighting> sightings = SightingsOf(matches, i);
     Intersection point;
     Eigen::Matrix<double, 3, Eigen::Dynamic> gain;
     if (Intersect(rig, sightings, &point) != IntersectionStatus::kOk ||
@@ -132,7 +134,7 @@ std::vector<double> PointDerivatives(const Rig& rig, const MatchArrays& matches,
   std::vector<double> derivatives(block * count, kNan);
   auto one = [&](int index) {
     const auto i = static_cast<std::size_t>(index);
-    const std::vector<Sighting> sightings = SightingsOf(matches, i);
+    const std::span<const Sighting> sightings = SightingsOf(matches, i);
     Intersection point;
     point.position_mm = Eigen::Map<const Eigen::Vector3d>(&position_mm[3 * i]);
     Eigen::Matrix<double, 3, Eigen::Dynamic> gain;
@@ -181,7 +183,7 @@ TriangulatedPoints Triangulate(const Rig& rig, const MatchArrays& matches,
   auto one = [&](int index) {
     const auto i = static_cast<std::size_t>(index);
     const auto begin = static_cast<std::size_t>(matches.offsets[i]);
-    const std::vector<Sighting> sightings = SightingsOf(matches, i);
+    const std::span<const Sighting> sightings = SightingsOf(matches, i);
     Intersection point;
     IntersectionStatus status = Intersect(rig, sightings, &point);
     CircleIntersection circle;

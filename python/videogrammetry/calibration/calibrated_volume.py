@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
+from videogrammetry.geometry import inside_half_spaces
 from videogrammetry.types import FloatArray, RigData
 
 #: How far beyond the hull a point is outside, as a share of the volume's diameter.
@@ -37,6 +38,4 @@ class CalibratedVolume:
         """(N,) whether points lie in it; all do where the rig knows of no volume."""
         if self._planes is None or not len(position_mm):
             return np.ones(len(position_mm), dtype=bool)
-        # Not by "@": its threads would fight with those that measure chunks.
-        outside = np.einsum("nk,fk->nf", position_mm, self._planes[:, :3]) + self._planes[:, 3]
-        return np.asarray(outside.max(axis=1) <= self._border)
+        return inside_half_spaces(position_mm, self._planes, self._border)

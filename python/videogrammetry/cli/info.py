@@ -11,6 +11,7 @@ import numpy as np
 
 from videogrammetry.cli.common import SubParsers, add_verb, text_table
 from videogrammetry.errors import TableError
+from videogrammetry.motion import flag_mask
 from videogrammetry.project import (
     read_measurement,
     read_motion,
@@ -108,6 +109,7 @@ def measurement_info(path: Path) -> str:
     measurement = read_measurement(path)
     table = measurement.trajectories
     there = np.isfinite(table.position_mm[..., 0])
+    filled = int((there & (table.flags & flag_mask(["filled"]) != 0)).sum())
     times = ""
     if measurement.frame_rate_hz is not None:
         times = f", {table.time_s[0]:g} to {table.time_s[-1]:g} s"
@@ -116,7 +118,8 @@ def measurement_info(path: Path) -> str:
         f"measurement: {len(table.stage)} stages ({table.stage[0]} to {table.stage[-1]}{times}), "
         f"cameras {', '.join(table.camera_names)}\n"
         f"{there.shape[1]} points, {int(there.all(axis=0).sum())} of them in every stage; "
-        f"{int(there.sum())} positions of {there.size} possible; {len(measurement.targets)} "
+        f"{int(there.sum())} positions of {there.size} possible"
+        f"{f', {filled} of them filled' if filled else ''}; {len(measurement.targets)} "
         f"targets seen\n"
         f"made by: {origin.get('program', 'unknown')} {origin.get('version', '')} "
         f"{origin.get('time_utc', '')}\n"

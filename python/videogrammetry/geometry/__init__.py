@@ -40,6 +40,7 @@ from videogrammetry.geometry.undistort import (
 )
 from videogrammetry.geometry.volume import (
     MeasuringVolume,
+    inside_half_spaces,
     point_nearest_to_axes,
     rotation_looking_at,
 )
@@ -63,6 +64,7 @@ __all__ = [
     "fit_similarity",
     "full_covariance",
     "ideal_camera",
+    "inside_half_spaces",
     "interface_model",
     "nearest_rotation",
     "oriented_model",

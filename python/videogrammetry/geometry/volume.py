@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from videogrammetry._core import geometry as _geometry
 from videogrammetry.types import FloatArray, RigData
 
 SHAPES = ("box", "sphere")
@@ -115,3 +116,23 @@ def point_nearest_to_axes(rig: RigData) -> FloatArray:
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     step = np.einsum("kij,kj->i", across, centres - middle)
     return np.asarray(middle + np.linalg.lstsq(across.sum(axis=0), step, rcond=1e-9)[0])
+
+
+def inside_half_spaces(
+    points: FloatArray, planes: FloatArray, border: float
+) -> npt.NDArray[np.bool_]:
+    """(N,) whether points (N, 3) lie in a convex body grown by ``border``.
+
+    ``planes`` (F, 4): outward unit normal n and d of all planes n x + d = 0 that bound it, as
+    ``scipy.spatial.ConvexHull.equations``. False where a coordinate is not finite.
+
+    Examples
+    --------
+    >>> slab = np.array([[0.0, 0, 1, -1], [0, 0, -1, -1]])  # -1 <= z <= 1
+    >>> inside_half_spaces(np.array([[0.0, 0, 1.1], [0, 0, 1.3]]), slab, 0.2).tolist()
+    [True, False]
+    """
+    inside: npt.NDArray[np.bool_] = _geometry.inside_half_spaces(
+        np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(planes), float(border)
+    )
+    return inside

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,10 @@ from videogrammetry.motion import (
 )
 from videogrammetry.pipeline.chunk_record import ChunkRecord
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore
-from videogrammetry.pipeline.numbering import Numbering
-from videogrammetry.pipeline.stability import Stability, StabilityCheck
-from videogrammetry.pipeline.totals import Totals
+from videogrammetry.pipeline.frames import map_bounded
+from videogrammetry.pipeline.linking import FilledPlaces, Linked
 from videogrammetry.types import (
     POINT_FLAGS,
-    FloatArray,
     IntArray,
     Motion,
     TargetRecords,
@@ -37,6 +35,10 @@ from videogrammetry.types import (
 #: Stages times points that are looked at for the centroid's points; of more
 #: points than that those seen most often.
 _MOST_PLACES = 50_000_000
+
+
+#: Of a point at a stage, trajectory and motion, and how much of that may wait to be written.
+_PART_BYTES, _MOST_BYTES = 500, 20_000_000
 
 
 class Sink(Protocol):
@@ -51,76 +53,29 @@ class Sink(Protocol):
         ...
 
 
-@dataclass
-class Linked:
-    """What the stages say together.
+class _Shared:
+    """A record that several threads need, read by the first of them."""
 
-    Attributes
-    ----------
-    point_id : (P,) numbers of all points, ascending.
-    numbers : of every chunk the numbers of its points. unsure : whether another number
-        is not much less likely.
-    first, last : (P,) the first and last chunk that has the point.
-    stages : (P,) at how many stages it was measured.
-    num_targets : of all stages. totals : what is said of them. stability : of the cameras.
-    """
+    def __init__(self, store: ChunkStore, chunk: Chunk) -> None:
+        self._store, self._chunk, self._lock = store, chunk, threading.Lock()
+        self._record: ChunkRecord | None = None
 
-    point_id: IntArray
-    numbers: list[IntArray]
-    unsure: list[npt.NDArray[np.bool_]]
-    first: IntArray
-    last: IntArray
-    stages: IntArray
-    num_targets: int
-    totals: Totals
-    stability: Stability | None = None
-
-    def flags(self, record: ChunkRecord) -> npt.NDArray[np.uint8]:
-        """(P,) those of a record's points, with what all stages say of the cameras."""
-        if self.stability is None:
-            return record.flags
-        moved = record.stage[:, None] >= self.stability.unstable_from
-        of_point = np.repeat(moved, record.point_count, axis=0) & record.cameras_used
-        flag = np.uint8(1 << POINT_FLAGS.index("unstable_camera"))
-        return record.flags | np.where(of_point.any(axis=1), flag, np.uint8(0))
+    def get(self) -> ChunkRecord:
+        with self._lock:
+            if self._record is None:
+                self._record = self._store.get(self._chunk)
+            return self._record
 
 
-def link_chunks(
-    store: ChunkStore,
-    chunks: Sequence[Chunk],
-    first_free_id: int,
-    check: StabilityCheck | None = None,
-) -> Linked:
-    """Numbers for the points of all stages, and whether the cameras stood."""
-    totals, numbering = Totals(), Numbering(first_free_id)
-    num_targets = 0
-    for chunk in chunks:
-        record = store.get(chunk)
-        totals.add(record)
-        numbering.add(record)
-        if check is not None:
-            check.add(record)
-        num_targets += len(record.code_id)
-    stability = None if check is None else check.result()
-    return _linked(numbering.numbers, numbering.unsure, num_targets, totals, stability)
-
-
-def _linked(
-    of_chunk: list[IntArray],
-    unsure: list[npt.NDArray[np.bool_]],
-    num_targets: int,
-    totals: Totals,
-    stability: Stability | None,
-) -> Linked:
-    sizes = [len(numbers) for numbers in of_chunk]
-    point_id, column = np.unique(np.concatenate(of_chunk), return_inverse=True)
-    chunk_of = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
-    first = np.full(len(point_id), len(sizes), dtype=np.int32)
-    last = np.full(len(point_id), -1, dtype=np.int32)
-    np.minimum.at(first, column, chunk_of)
-    np.maximum.at(last, column, chunk_of)
-    count = np.bincount(column, minlength=len(point_id)).astype(np.int32)
-    return Linked(point_id, of_chunk, unsure, first, last, count, num_targets, totals, stability)
+def _with_neighbours(
+    store: ChunkStore, chunks: Sequence[Chunk]
+) -> Iterator[tuple[int, list[_Shared | None]]]:
+    """The place of every chunk, with its record and those before and after it."""
+    window: list[_Shared | None] = [None, None, _Shared(store, chunks[0])]
+    for k in range(len(chunks)):
+        after = _Shared(store, chunks[k + 1]) if k + 1 < len(chunks) else None
+        window = [*window[1:], after]
+        yield k, window
 
 
 def assemble(
@@ -131,29 +86,40 @@ def assemble(
     builder: TrajectoryBuilder,
     sink: Sink,
 ) -> None:
-    """Gives trajectories, motion and targets to ``sink``, two chunks in memory at a time."""
-    before: Trajectories | None = None
-    record = store.get(chunks[0])
-    target_row = 0
-    for k, (begin, _) in enumerate(chunks):
-        after = store.get(chunks[k + 1]) if k + 1 < len(chunks) else None
+    """Gives trajectories, motion and targets to ``sink``, a few chunks in memory at a time.
+
+    Two threads compute the next parts while the sink takes one.
+    """
+    Part = tuple[IntArray, Trajectories, Motion, TargetRecords]
+
+    def work(item: tuple[int, list[_Shared | None]]) -> Part:
+        k, window = item
         # Points of the neighbours belong to it as well, for a step may begin or end here.
         columns = np.flatnonzero((linked.first <= k + 1) & (linked.last >= k - 1))
-        part = builder.trajectories(record, k, columns)
-        padded = [] if before is None else [_at_columns(before, part)]
-        padded.append(part)
+        before, record, after = (None if r is None else r.get() for r in window)
+        assert record is not None
+        pieces = [] if before is None else [(before, k - 1, slice(-1, None))]
+        pieces.append((record, k, slice(None)))
         if after is not None:
-            padded.append(builder.trajectories(after, k + 1, columns, 1))
-        motion = motion_part(_joined(padded), plan)
+            pieces.append((after, k + 1, slice(0, 1)))
+        padded = builder.trajectories(pieces, columns)
         skip = 0 if before is None else 1
-        motion = motion_rows(motion, slice(skip, skip + len(part.stage)))
-        sink.points(begin - chunks[0][0], columns.astype(np.int32), part, motion)
-        targets = _target_records(record, linked.numbers[k])
+        rows = slice(skip, skip + len(record.stage))
+        motion = motion_rows(motion_part(padded, plan), rows)
+        part = trajectory_rows(padded, rows)
+        return columns.astype(np.int32), part, motion, _target_records(record, linked.numbers[k])
+
+    most = max(len(numbers) for numbers in linked.numbers)
+    parts: Iterable[Part]
+    if most * _PART_BYTES <= _MOST_BYTES:
+        parts = map_bounded(work, _with_neighbours(store, chunks), 2)
+    else:
+        parts = map(work, _with_neighbours(store, chunks))
+    target_row = 0
+    for (begin, _), (columns, part, motion, targets) in zip(chunks, parts, strict=True):
+        sink.points(begin - chunks[0][0], columns, part, motion)
         sink.targets(target_row, targets)
         target_row += len(targets)
-        before = trajectory_rows(part, slice(-1, None))
-        if after is not None:
-            record = after
 
 
 def plan_of_chunks(
@@ -180,9 +146,8 @@ def plan_of_chunks(
     k = where[0]
     builder = TrajectoryBuilder(linked, None, camera_names)
     every = np.arange(len(linked.point_id))
-    part = builder.trajectories(store.get(chunks[k]), k, every)
     row = reference - chunks[k][0]
-    of_stage = trajectory_rows(part, slice(row, row + 1))
+    of_stage = builder.trajectories([(store.get(chunks[k]), k, slice(row, row + 1))], every)
     if options.centroid_points is None:
         candidates, measured = _measured(store, chunks, linked, flag_mask(options.leave_out))
         chosen = candidates[constant_set(measured)]
@@ -204,12 +169,17 @@ def _measured(
     measured = np.zeros((num_stages, count), dtype=bool)
     row = 0
     for k, chunk in enumerate(chunks):
-        record = store.get(chunk)
-        point_count = record.point_count
+        point_count = linked.point_count[k]
         stage = np.repeat(np.arange(row, row + len(point_count)), point_count)
         column = at[np.searchsorted(linked.point_id, linked.numbers[k])]
-        taken = (column >= 0) & (linked.flags(record) & left_out == 0)
+        taken = column >= 0
+        if left_out:
+            taken &= linked.flags(store.get(chunk)) & left_out == 0
         measured[stage[taken], column[taken]] = True
+        if linked.filled and not left_out & _FILLED:
+            filled = linked.filled[k]
+            known = at[filled.column] >= 0
+            measured[row + filled.row[known], at[filled.column[known]]] = True
         row += len(point_count)
     return candidates, measured
 
@@ -224,78 +194,88 @@ class TrajectoryBuilder:
 
     def trajectories(
         self,
-        record: ChunkRecord,
-        chunk: int,
+        pieces: Sequence[tuple[ChunkRecord, int, slice]],
         columns: npt.NDArray[np.intp],
-        stages: int | None = None,
     ) -> Trajectories:
-        """Of the points at ``columns``, at all or the first so many stages of a record."""
-        stage, numbers = record.stage[:stages], self._linked.numbers[chunk]
-        row = np.repeat(np.arange(len(record.stage)), record.point_count)
-        index = np.flatnonzero(row < len(stage))
+        """Of the points at ``columns``, at consecutive stages.
+
+        ``pieces``: a record, the place of its chunk, and which of its stages.
+        """
+        stage = np.concatenate([record.stage[rows] for record, _, rows in pieces])
+        shape = (len(stage), len(columns))
+        values = {
+            name: np.full((*shape, *count), np.nan)
+            for name, count in (("position_mm", (3,)), ("rms_px", ()), *_COVARIANCES)
+        }
+        values["cameras_used"] = np.zeros((*shape, len(self._cameras)), dtype=bool)
+        values["flags"] = np.zeros(shape, dtype=np.uint8)
         place = np.full(len(self._linked.point_id), -1, dtype=np.intp)
         place[columns] = np.arange(len(columns))
-        column = place[np.searchsorted(self._linked.point_id, numbers[index])]
-        index, column = index[column >= 0], column[column >= 0]
-        row = row[index]
-        shape = (len(stage), len(columns))
-
-        def spread(values: npt.NDArray[np.float64]) -> FloatArray:
-            full = np.full((*shape, *values.shape[1:]), np.nan)
-            full[row, column] = values[index]
-            return full
-
-        used = np.zeros((*shape, len(self._cameras)), dtype=bool)
-        used[row, column] = record.cameras_used[index]
-        flags = np.zeros(shape, dtype=np.uint8)
-        unsure = self._linked.unsure[chunk][index] * np.uint8(_AMBIGUOUS)
-        flags[row, column] = self._linked.flags(record)[index] | unsure
+        first = 0
+        for record, chunk, rows in pieces:
+            begin, end, _ = rows.indices(len(record.stage))
+            self._put(values, first, record, chunk, (begin, end), place)
+            if self._linked.filled:
+                filled = self._linked.filled[chunk].between(begin, end)
+                _put_filled(values, first, filled, place)
+            first += end - begin
         rate = self._rate
         return Trajectories(
             stage=stage,
             time_s=(stage - 1) / rate if rate else np.full(len(stage), np.nan),
             point_id=self._linked.point_id[columns],
-            position_mm=spread(record.position_mm),
-            cov_mm2=spread(record.cov_mm2),
-            cov_image_mm2=spread(record.cov_image_mm2),
-            cameras_used=used,
-            rms_px=spread(record.rms_px),
             camera_names=self._cameras,
-            flags=flags,
+            **values,
         )
 
+    def _put(
+        self,
+        values: dict[str, npt.NDArray[Any]],
+        first: int,
+        record: ChunkRecord,
+        chunk: int,
+        rows: tuple[int, int],
+        place: npt.NDArray[np.intp],
+    ) -> None:
+        """Puts the stages ``rows`` of a record to the rows from ``first`` on."""
+        linked, offsets = self._linked, record.point_offsets()
+        points = slice(offsets[rows[0]], offsets[rows[1]])
+        column = place[np.searchsorted(linked.point_id, linked.numbers[chunk][points])]
+        count = record.point_count[rows[0] : rows[1]]
+        where = np.repeat(np.arange(first, first + len(count)), count)
+        where = where * values["rms_px"].shape[1] + column
+        there = column >= 0
+        kept = None if there.all() else np.flatnonzero(there)
+        unsure = linked.unsure[chunk][points] * np.uint8(_AMBIGUOUS)
+        for name, full in values.items():
+            own = getattr(record, name)[points]
+            if name == "flags":
+                own = linked.flags(record)[points] | unsure
+            flat = full.reshape(-1, *full.shape[2:])
+            if kept is None:
+                flat[where] = own
+            else:
+                flat[where[kept]] = own[kept]
 
+
+def _put_filled(
+    values: dict[str, npt.NDArray[Any]],
+    first: int,
+    filled: FilledPlaces,
+    place: npt.NDArray[np.intp],
+) -> None:
+    """Puts what fills gaps to the rows from ``first`` on."""
+    column = place[filled.column]
+    there = column >= 0
+    row, column = first + filled.row[there], column[there]
+    for name in ("position_mm", "cov_mm2", "cov_image_mm2"):
+        values[name][row, column] = getattr(filled, name)[there]
+    values["flags"][row, column] = _FILLED
+
+
+_COVARIANCES = (("cov_mm2", (6,)), ("cov_image_mm2", (6,)))
 _AMBIGUOUS = 1 << POINT_FLAGS.index("ambiguous")
-_PER_POINT = ("position_mm", "cov_mm2", "cov_image_mm2", "rms_px", "cameras_used", "flags")
-
-
-def _at_columns(row: Trajectories, like: Trajectories) -> Trajectories:
-    """The trajectories ``row`` with the points of ``like``."""
-    there = np.isin(row.point_id, like.point_id)
-    column = np.searchsorted(like.point_id, row.point_id[there])
-    values = {}
-    for name in _PER_POINT:
-        old = getattr(row, name)
-        empty = np.nan if old.dtype.kind == "f" else 0
-        new = np.full((len(old), len(like.point_id), *old.shape[2:]), empty, old.dtype)
-        new[:, column] = old[:, there]
-        values[name] = new
-    return Trajectories(
-        stage=row.stage,
-        time_s=row.time_s,
-        point_id=like.point_id,
-        camera_names=row.camera_names,
-        **values,
-    )
-
-
-def _joined(parts: Sequence[Trajectories]) -> Trajectories:
-    names = ("stage", "time_s", *_PER_POINT)
-    return Trajectories(
-        point_id=parts[0].point_id,
-        camera_names=parts[0].camera_names,
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-    )
+_FILLED = 1 << POINT_FLAGS.index("filled")
 
 
 def _target_records(record: ChunkRecord, numbers: IntArray) -> TargetRecords:

@@ -25,6 +25,8 @@ from videogrammetry.types import (
 )
 
 Offsets = npt.NDArray[np.int64]
+#: Stages times codes that are counted one by one; sorting takes several times as long.
+_MOST_COUNTED = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -73,12 +75,14 @@ class CameraTargets:
     def unique_id(self) -> IntArray:
         """(N,) code numbers, -1 also where a picture has the same number at several places."""
         code = self.targets.id
-        _, inverse, count = np.unique(
-            (self.stage.astype(np.int64) << 32) + code,
-            return_inverse=True,
-            return_counts=True,
-        )
-        return np.where(count[inverse] > 1, np.int32(-1), code).astype(np.int32)
+        width = int(code.max(initial=-1)) + 2
+        key = self.stage.astype(np.int64) * width + code + 1
+        if len(self) * width <= _MOST_COUNTED:
+            often = np.bincount(key)[key] > 1
+        else:
+            _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+            often = count[inverse] > 1
+        return np.where(often, np.int32(-1), code).astype(np.int32)
 
     def stage_of(self, index: IntArray) -> IntArray:
         """The stage's place in the chunk of targets by their index."""

@@ -31,16 +31,18 @@ def check_facing(
     rows = np.flatnonzero((matches.id >= 0) & ((matches.target >= 0).sum(axis=1) >= 2))
     if not len(rows):
         return matches
-    target = matches.target.copy()
-    numbers = matches.id.copy()
-    status = [s.copy() for s in matches.status]
     rays = [
         rays_through_pixels(camera, t.centre_px) @ camera.rotation
         for camera, t in zip(rig.cameras.values(), targets, strict=True)
     ]
-    rays = [ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays]
+    rays = [ray / np.sqrt(np.einsum("nk,nk->n", ray, ray))[:, None] for ray in rays]
     tilt = [np.arccos(np.clip(t.semi_axes_px[:, 1] / t.semi_axes_px[:, 0], 0, 1)) for t in targets]
-    rows = rows[_may_part(rays, tilt, target[rows])]
+    rows = rows[_may_part(rays, tilt, matches.target[rows])]
+    if not len(rows):
+        return matches
+    target = matches.target.copy()
+    numbers = matches.id.copy()
+    status = [s.copy() for s in matches.status]
     changed = False
     for row in rows:
         cameras = np.flatnonzero(target[row] >= 0)
@@ -67,14 +69,28 @@ def _may_part(
     rays: Sequence[FloatArray], tilt_rad: Sequence[FloatArray], target: IntArray
 ) -> npt.NDArray[np.bool_]:
     """(P,) whether any two sightings of rows (P, C) part by more than their tilts allow."""
+    # By coordinate, the missing ones NaN, with which every comparison is false.
+    seen = target >= 0
+    along, tilt = [], []
+    for c, (ray, own) in enumerate(zip(rays, tilt_rad, strict=True)):
+        if not len(ray):
+            along.append(np.full((3, len(target)), np.nan))
+            tilt.append(np.zeros(len(target)))
+            continue
+        index = target[:, c]
+        along.append(np.ascontiguousarray(ray.take(index, axis=0, mode="clip").T))
+        along[-1][:, ~seen[:, c]] = np.nan
+        tilt.append(own.take(index, mode="clip"))
     found = np.zeros(len(target), dtype=bool)
     for a in range(target.shape[1]):
         for b in range(a):
-            row = np.flatnonzero((target[:, a] >= 0) & (target[:, b] >= 0))
-            i, j = target[row, a], target[row, b]
-            cosine = np.einsum("nk,nk->n", rays[a][i], rays[b][j])
-            limit = tilt_rad[a][i] + tilt_rad[b][j] + _TOLERANCE_RAD
-            found[row] |= np.arccos(np.clip(cosine, -1, 1)) > limit
+            cosine = along[a][0] * along[b][0]
+            cosine += along[a][1] * along[b][1]
+            cosine += along[a][2] * along[b][2]
+            # No limit is below the tolerance: few pairs need their angle.
+            far = np.flatnonzero(cosine < np.cos(_TOLERANCE_RAD))
+            limit = tilt[a][far] + tilt[b][far] + _TOLERANCE_RAD
+            found[far] |= np.arccos(np.clip(cosine[far], -1, 1)) > limit
     return found
 
 

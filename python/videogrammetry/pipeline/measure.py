@@ -17,11 +17,9 @@ from videogrammetry.errors import (
 from videogrammetry.matching import TARGET_STATUS, MatchingOptions
 from videogrammetry.motion import MotionOptions, MotionPlan
 from videogrammetry.pipeline.assemble import (
-    Linked,
     Sink,
     TrajectoryBuilder,
     assemble,
-    link_chunks,
     plan_of_chunks,
 )
 from videogrammetry.pipeline.chunk_job import (
@@ -31,11 +29,13 @@ from videogrammetry.pipeline.chunk_job import (
     learn_models,
 )
 from videogrammetry.pipeline.chunk_store import Chunk, ChunkStore, FolderStore, MemoryStore
+from videogrammetry.pipeline.filling import fill_chunks
 from videogrammetry.pipeline.frames import (
     Progress,
     map_bounded,
     silent,
 )
+from videogrammetry.pipeline.linking import Linked, Linker
 from videogrammetry.pipeline.measure_job import (
     MeasureJob,
     Models,
@@ -59,6 +59,7 @@ from videogrammetry.project import (
     open_measurement_writer,
     provenance,
 )
+from videogrammetry.project.schema import MOST_FILLED
 from videogrammetry.recognition import RING_STATUS, RecognitionOptions
 from videogrammetry.sequence import as_source, check_same_length
 from videogrammetry.types import FrameSource, Measurement, RigData
@@ -85,6 +86,7 @@ def measure_frames(
     full_every: int = ChunkOptions.full_every,
     diameter_mm: float | None = None,
     thickness_mm: float = 0.0,
+    fill_gaps: int = 0,
     progress: Progress = silent,
     num_threads: int = 0,
 ) -> Measurement:
@@ -109,6 +111,9 @@ def measure_frames(
         neither.
     thickness_mm : height of the circles over the object: positions move by it from
         the stickers' surface into the object.
+    fill_gaps : the largest number of consecutive stages that lack a point for which its
+        position is estimated from those before and after and from the points around,
+        with covariance and the flag ``filled``; 0: none.
     progress : told about the stages done.
     num_threads : chunks at a time; 0 = one a core.
 
@@ -118,6 +123,8 @@ def measure_frames(
         Naming camera or picture, and what to do.
     """
     check_numbers(diameter_mm, thickness_mm, full_every)
+    if not 0 <= fill_gaps <= MOST_FILLED:
+        raise ValueError(f"fill_gaps: expected 0 to {MOST_FILLED} stages, got {fill_gaps}")
     sources = {name: as_source(source) for name, source in frames.items()}
     rig = rig_in_order(rig, sources)
     job = MeasureJob(
@@ -133,6 +140,7 @@ def measure_frames(
         ),
         motion=motion or MotionOptions(),
         frame_rate_hz=frame_rate_hz,
+        fill_gaps=fill_gaps,
     )
     return _measure_in_memory(job, progress, num_threads)
 
@@ -220,6 +228,7 @@ def finish_file(
 ) -> StageTable:
     """Measures what the store does not have, and writes the project's measurement.h5."""
     linked = _measure_chunks(job, store, models, progress, run)
+    _fill_gaps(job, store, linked, progress)
     plan = _motion_plan(job, store, linked)
     layout = MeasurementLayout(
         stage=linked.totals.stage,
@@ -268,6 +277,7 @@ def _measure_in_memory(job: MeasureJob, progress: Progress, num_threads: int) ->
     store = MemoryStore()
     models = learn_models(job.sources, job.options.recognition, job.stages)
     linked = _measure_chunks(job, store, models, progress, Threads(num_threads))
+    _fill_gaps(job, store, linked, progress)
     plan = _motion_plan(job, store, linked)
     sink = ArraySink(linked, plan, job.camera_names)
     _assemble(job, store, linked, plan, sink)
@@ -314,8 +324,13 @@ def _measure_chunks(
     kept = job.stages[1] - job.stages[0] + 1 - total
     what = f"measuring ({kept} stages kept)" if kept else "measuring"
     done = 0
+    check = StabilityCheck([(job.stages[0], job.rig), *job.options.later], job.stages, job.static)
+    # Beside the threads that measure, so that nobody waits for it at the end.
+    linker = Linker(store, chunks, first_free_id(job.options.recognition), check)
+    linker.add(*set(chunks).difference(missing))
     try:
         for first, last in run(job, store, models, missing):
+            linker.add((first, last))
             done += last - first + 1
             progress(done, total, what)
     except SequenceError as error:
@@ -326,12 +341,18 @@ def _measure_chunks(
                 "--skip-unreadable"
             ) from error
         raise
-    check = StabilityCheck([(job.stages[0], job.rig), *job.options.later], job.stages, job.static)
-    linked = link_chunks(store, chunks, first_free_id(job.options.recognition), check)
+    linked = linker.result()
     refuse_senseless(linked.totals)
     if not len(linked.point_id):
         raise MeasurementError(nothing_measured(linked.totals, job.options.diameter_mm))
     return linked
+
+
+def _fill_gaps(job: MeasureJob, store: ChunkStore, linked: Linked, progress: Progress) -> None:
+    if job.fill_gaps:
+        chunks = chunks_of(*job.stages)
+        builder = TrajectoryBuilder(linked, job.frame_rate_hz, job.camera_names)
+        linked.filled = fill_chunks(store, chunks, linked, builder, job.fill_gaps, progress)
 
 
 def _motion_plan(job: MeasureJob, store: ChunkStore, linked: Linked) -> MotionPlan:
@@ -352,6 +373,7 @@ def _provenance(job: MeasureJob, linked: Linked) -> dict[str, Any]:
         "full_every": job.options.full_every,
         "matching": job.options.matching,
         "motion": job.motion,
+        "fill_gaps": job.fill_gaps,
         "diameter_mm": job.options.diameter_mm,
         "thickness_mm": job.options.thickness_mm,
         "eccentricity": linked.totals.circles(),

@@ -59,6 +59,7 @@ class MeasureJob:
     frames : how the sequences are opened; empty where they are in memory.
     static : points that do not move, for the check of the cameras; None: none are known.
     reoriented : cameras whose pose was found anew, for ``options.later``.
+    fill_gaps : the largest gap, in stages, whose positions are estimated; 0: none.
     """
 
     rig: RigData
@@ -73,6 +74,7 @@ class MeasureJob:
     frames: Mapping[str, CameraFrames] = field(default_factory=dict)
     static: PointSet | None = None
     reoriented: tuple[Reoriented, ...] = ()
+    fill_gaps: int = 0
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -118,6 +120,7 @@ def job_of(
             leave_out=project.motion.leave_out,
         ),
         frame_rate_hz=rate,
+        fill_gaps=project.motion.fill_gaps,
         inputs=tuple(all_inputs(project, sources)),
         folder=project.folder,
         frames=frames,

@@ -9,10 +9,12 @@ import numpy as np
 
 from videogrammetry.matching import TARGET_STATUS
 from videogrammetry.motion import MotionPlan
-from videogrammetry.pipeline.assemble import Linked, Sink
+from videogrammetry.pipeline.assemble import Sink
 from videogrammetry.pipeline.chunk_store import Chunk
+from videogrammetry.pipeline.linking import Linked
 from videogrammetry.pipeline.totals import Totals
 from videogrammetry.types import (
+    POINT_FLAGS,
     IntArray,
     Motion,
     TargetRecords,
@@ -23,6 +25,7 @@ from videogrammetry.types import (
 _PLACE_BYTES = 8 * (3 + 3 + 3 + 4 * 6 + 1)
 #: Of a target: centre, axes, angle, standard deviations, residuals.
 _TARGET_BYTES = 8 * (2 + 2 + 1 + 2 + 2)
+_FILLED = np.uint8(1 << POINT_FLAGS.index("filled"))
 _COMMON = ("reference_stage", "centroid_points", "point_id", "camera_names")
 
 
@@ -140,7 +143,7 @@ class StageTable:
     def points_taken(self, row: int, part: Trajectories, motion: Motion) -> None:
         """Counts the stages of a part."""
         rows = slice(row, row + len(part.stage))
-        there = np.isfinite(part.position_mm[..., 0])
+        there = np.isfinite(part.position_mm[..., 0]) & (part.flags & _FILLED == 0)
         self.num_points[rows] = there.sum(axis=1)
         sigma = np.sqrt(part.cov_mm2[..., [0, 3, 5]].sum(axis=2))
         for s in np.flatnonzero(there.any(axis=1)).tolist():

@@ -29,6 +29,7 @@ from videogrammetry.accuracy import (
 )
 from videogrammetry.errors import MeasurementError, ProjectFileError
 from videogrammetry.geometry import select_cameras
+from videogrammetry.motion import without_flagged
 from videogrammetry.pipeline.frames import recognition_options
 from videogrammetry.pipeline.measure_job import first_free_id, read_project_rig
 from videogrammetry.project import (
@@ -106,6 +107,9 @@ def verify_project(
         rig = read_project_rig(project)
     if measurement is None:
         measurement = read_measurement(project.measurement_path)
+    # What is estimated from other stages proves nothing.
+    measured = without_flagged(measurement.trajectories, ["filled"])
+    measurement = dataclasses.replace(measurement, trajectories=measured)
     try:
         rig = select_cameras(rig, measurement.trajectories.camera_names)
     except ValueError as error:

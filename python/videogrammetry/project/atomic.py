@@ -79,10 +79,13 @@ def _not_permitted(target: Path, folder: Path) -> PermissionError:
 
 
 @contextlib.contextmanager
-def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_path(path: str | os.PathLike[str], *, flush: bool = True) -> Iterator[Path]:
     """A path beside ``path`` to write to; takes its place when the block ends well.
 
-    If the block raises, what was written is removed and ``path`` is as it was.
+    If the block raises, what was written is removed and ``path`` is as it was. Without
+    ``flush`` nobody waits for the disk: a program that is killed leaves a whole file or
+    none all the same, but after a power cut it may be there and damaged. For what has a
+    checksum and can be made again.
 
     Examples
     --------
@@ -100,7 +103,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     beside = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
     try:
         yield beside
-        _flush(beside)
+        if flush:
+            flush_file(beside)
         os.replace(beside, target)
     except PermissionError as error:
         if beside.name in str(error):  # a name that nobody has chosen nor knows
@@ -108,7 +112,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise
     finally:
         beside.unlink(missing_ok=True)
-    _flush_folder(target.parent)
+    if flush:
+        _flush_folder(target.parent)
 
 
 @contextlib.contextmanager
@@ -203,7 +208,8 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
         beside.write_bytes(data)
 
 
-def _flush(path: Path) -> None:
+def flush_file(path: Path) -> None:
+    """Waits until what was written to a file is on the disk."""
     # Opened for writing: Windows flushes only what may be written.
     with path.open("r+b") as file:
         os.fsync(file.fileno())

@@ -11,8 +11,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +23,7 @@ import h5py
 import numpy as np
 
 from videogrammetry.errors import ProjectFileError
-from videogrammetry.project.atomic import atomic_path
+from videogrammetry.project.atomic import atomic_path, flush_file
 from videogrammetry.project.hdf5_output import Hdf5Output, open_hdf5
 from videogrammetry.types import (
     COV6_ORDER,
@@ -93,6 +96,10 @@ _STABILITY: Mapping[str, tuple[str, tuple[str, ...], str]] = {
 
 #: Points of a block of the file, and stages: blocks without a measured point take no room.
 _BLOCK = (100, 64)
+#: Rows of a block of what has no points: series of stages, targets.
+_ROWS = 4096
+#: The deflation and the stages between two looks whether the disk keeps up.
+_DEFLATE, _FLUSH_STAGES = 1, 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +131,9 @@ class MeasurementLayout:
 class MeasurementWriter:
     """Writes a measurement part by part, so that it need not fit into memory."""
 
-    def __init__(self, file: h5py.File, layout: MeasurementLayout, output: Hdf5Output) -> None:
+    def __init__(
+        self, file: h5py.File, layout: MeasurementLayout, output: Hdf5Output, flusher: _Flusher
+    ) -> None:
         self._file, self._layout, self._output = file, layout, output
         self._open: dict[str, h5py.Dataset] = {}
         file.attrs["kind"] = _KIND
@@ -141,38 +150,53 @@ class MeasurementWriter:
                 self._create(prefix + name, _DTYPES.get(name, np.float64), dimensions, units)
         self._write_stability()
         self._explain()
+        self._series = _RowBuffer(self._open, len(layout.stage))
+        self._targets = _RowBuffer(self._open, layout.num_targets)
+        self._flusher = flusher
         output.check()
 
     def points(self, row: int, columns: IntArray, part: Trajectories, motion: Motion) -> None:
-        """Stages from ``row`` on, of the points at ``columns``; the others were not measured."""
+        """Stages from ``row`` on, of the points at ``columns``; the others were not measured.
+
+        In the order of the stages, every stage once.
+        """
         rows = slice(row, row + len(part.stage))
+        series = {}
         for name, (dimensions, _) in (*_TRAJECTORIES.items(), *_MOTION.items()):
             values = getattr(part if name in _TRAJECTORIES else motion, name)
             if dimensions[:2] == ("stage", "point"):
                 self._write_columns(name, rows, columns, values)
             else:
-                self._open[name][rows] = values
+                series[name] = values
+        self._series.add(series)
         self._output.check()
+        self._flusher.written(rows.stop)
 
     def targets(self, row: int, part: TargetRecords) -> None:
-        """Targets from ``row`` on."""
-        for name in _TARGETS:
-            self._open["target_" + name][row : row + len(part)] = getattr(part, name)
+        """Targets from ``row`` on, in their order, every target once."""
+        self._targets.add({"target_" + name: getattr(part, name) for name in _TARGETS})
         self._output.check()
 
     def _write_columns(self, name: str, rows: slice, columns: IntArray, values: Any) -> None:
-        dataset = self._open[name]
-        block = columns // _BLOCK[1]
+        """Stages of a dataset, block of points by block; other points of a block are not there."""
+        dataset, block = self._open[name], columns // _BLOCK[1]
+        fill = np.nan if dataset.dtype.kind == "f" else 0
+        height, width = dataset.chunks[:2] if dataset.chunks else (0, 0)
+        whole = len(values) == height and rows.start % height == 0
         ends = np.flatnonzero(np.diff(block)) + 1
-        for part in np.split(np.arange(len(columns)), ends):
-            if not len(part):
+        for first, last in pairwise([0, *ends.tolist(), len(columns)]):
+            if first == last:
                 continue
-            begin = int(block[part[0]]) * _BLOCK[1]
-            end = min(begin + _BLOCK[1], dataset.shape[1])
-            shape = (values.shape[0], end - begin, *values.shape[2:])
-            whole = np.full(shape, dataset.fillvalue, dataset.dtype)
-            whole[:, columns[part] - begin] = values[:, part]
-            dataset[rows, begin:end] = whole
+            begin = int(block[first]) * _BLOCK[1]
+            end = begin + width if whole else min(begin + _BLOCK[1], dataset.shape[1])
+            part = values[:, first:last]
+            if last - first < end - begin:
+                part = np.full((len(values), end - begin, *values.shape[2:]), fill, dataset.dtype)
+                part[:, columns[first:last] - begin] = values[:, first:last]
+            if whole:
+                _write_block(dataset, (rows.start, begin), part)
+            else:
+                dataset[rows, begin:end] = part
 
     def _create(self, name: str, dtype: Any, dimensions: tuple[str, ...], units: str) -> None:
         shape = tuple(len(self._file[d]) for d in dimensions)
@@ -181,10 +205,10 @@ class MeasurementWriter:
             sizes = (min(_BLOCK[0], shape[0]), min(_BLOCK[1], shape[1]))
             options["chunks"] = (*sizes, *shape[2:])
         elif shape[0] > _BLOCK[0]:
-            options["chunks"] = (min(4096, shape[0]), *shape[1:])
+            options["chunks"] = (min(_ROWS, shape[0]), *shape[1:])
         if np.dtype(dtype).kind != "f" and "chunks" in options:
             # Small numbers that repeat; noise of floating-point numbers is not worth the time.
-            options |= {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+            options |= {"compression": "gzip", "compression_opts": _DEFLATE, "shuffle": True}
         fill = np.nan if np.dtype(dtype).kind == "f" else 0
         dataset = self._file.create_dataset(name, shape, dtype, fillvalue=fill, **options)
         dataset.attrs["units"] = units
@@ -248,6 +272,75 @@ _DTYPES = {
 }
 
 
+def _write_block(dataset: h5py.Dataset, place: tuple[int, ...], values: Any) -> None:
+    """A whole block of a dataset as it lies in the file: HDF5's own way takes several times
+    as long.
+    """
+    data = np.ascontiguousarray(values, dtype=dataset.dtype)
+    stored: Any = data
+    if dataset.compression is not None:  # HDF5's filters "shuffle" and "deflate"
+        shuffled = data.reshape(-1).view(np.uint8).reshape(-1, data.itemsize).T
+        stored = zlib.compress(shuffled.tobytes(), _DEFLATE)
+    dataset.id.write_direct_chunk((*place, *[0] * (data.ndim - len(place))), stored)
+
+
+class _RowBuffer:
+    """Takes rows of several datasets alike, and writes them block by block."""
+
+    def __init__(self, datasets: Mapping[str, h5py.Dataset], total: int) -> None:
+        self._datasets, self._total = datasets, total
+        self._waiting: dict[str, list[Any]] = {}
+        self._first = self._count = 0
+
+    def add(self, values: Mapping[str, Any]) -> None:
+        """The next rows, by dataset."""
+        for name, rows in values.items():
+            self._waiting.setdefault(name, []).append(rows)
+        self._count += len(next(iter(values.values())))
+        if self._count >= _ROWS or self._first + self._count == self._total:
+            self._write()
+
+    def _write(self) -> None:
+        last = self._first + self._count == self._total
+        blocks = self._count // _ROWS
+        for name, parts in self._waiting.items():
+            dataset = self._datasets[name]
+            values = parts[0] if len(parts) == 1 else np.concatenate(parts)
+            if dataset.chunks is not None and dataset.chunks[0] == _ROWS:
+                for begin in range(0, blocks * _ROWS, _ROWS):
+                    rows = values[begin : begin + _ROWS]
+                    _write_block(dataset, (self._first + begin,), rows)
+                done = blocks * _ROWS
+            else:
+                done = 0
+            if last and done < self._count:
+                dataset[self._first + done : self._total] = values[done:]
+            self._waiting[name] = [values[blocks * _ROWS :]]
+        self._first += blocks * _ROWS
+        self._count -= blocks * _ROWS
+
+
+class _Flusher:
+    """Has what is written brought to the disk meanwhile, so that the end need not wait."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._until = path, 0
+        self._pool = ThreadPoolExecutor(1)
+        self._running: Future[None] | None = None
+
+    def written(self, stages: int) -> None:
+        """So many stages are written."""
+        if os.name != "posix" or stages - self._until < _FLUSH_STAGES:
+            return
+        if self._running is None or self._running.done():
+            self._until = stages
+            self._running = self._pool.submit(flush_file, self._path)
+
+    def close(self) -> None:
+        """No file is open any more."""
+        self._pool.shutdown()
+
+
 @contextlib.contextmanager
 def open_measurement_writer(
     path: str | os.PathLike[str], layout: MeasurementLayout
@@ -259,8 +352,12 @@ def open_measurement_writer(
     OSError
         The disk is full: from the writer's methods, or when the block ends.
     """
-    with atomic_path(path) as beside, open_hdf5(beside) as (file, output):
-        yield MeasurementWriter(file, layout, output)
+    with (
+        atomic_path(path) as beside,
+        contextlib.closing(_Flusher(beside)) as flusher,
+        open_hdf5(beside) as (file, output),
+    ):
+        yield MeasurementWriter(file, layout, output, flusher)
 
 
 def write_measurement(path: str | os.PathLike[str], measurement: Measurement) -> None:

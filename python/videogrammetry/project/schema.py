@@ -97,16 +97,23 @@ class StabilitySection:
     points: Path | None = None
 
 
+#: Stages of the largest gap that may be filled: what lies behind a longer one is a guess.
+MOST_FILLED = 100
+
+
 @dataclass(frozen=True, kw_only=True)
 class MotionSection:
     """``[motion]``: the stage that displacements refer to, and the smoothing filter.
 
+    Where a point is missing for ``fill_gaps`` stages in a row or fewer, its positions are
+    estimated and flagged ``filled``; 0: none are.
     ``filter_window`` (stages, odd) and ``filter_order`` are for savitzky-golay,
     ``filter_order`` and ``filter_cutoff_hz`` for butterworth. Positions with a flag of
     ``leave_out`` (names of ``types.POINT_FLAGS``) take no part in the motion.
     """
 
     reference_stage: int = 1
+    fill_gaps: int = 0
     leave_out: tuple[str, ...] = ()
     filter: str = "none"
     filter_window: int = 5
@@ -276,6 +283,7 @@ def _motion(table: TomlTable) -> MotionSection:
     default = MotionSection()
     section = MotionSection(
         reference_stage=table.integer("reference_stage", default.reference_stage, minimum=1),
+        fill_gaps=table.integer("fill_gaps", default.fill_gaps),
         leave_out=table.strings("leave_out", (), empty=True),
         filter=table.choice("filter", FILTERS, default.filter),
         filter_window=table.integer("filter_window", default.filter_window, minimum=3),
@@ -286,6 +294,8 @@ def _motion(table: TomlTable) -> MotionSection:
     for word in section.leave_out:
         if word not in POINT_FLAGS:
             raise table.error("leave_out", f"has {word!r}: expected {', '.join(POINT_FLAGS)}")
+    if section.fill_gaps > MOST_FILLED:
+        raise table.error("fill_gaps", f"= {section.fill_gaps}: expected 0 to {MOST_FILLED} stages")
     if section.filter_window % 2 == 0 or section.filter_window <= section.filter_order:
         raise table.error(
             "filter_window", "must be odd and larger than filter_order, so that it has a middle"

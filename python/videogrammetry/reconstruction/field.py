@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from videogrammetry._core import reconstruction as _reconstruction
 from videogrammetry.geometry import CAMERA_PARAMETERS, full_covariance, rays_from_pixels
 from videogrammetry.reconstruction.uncertainty import picture_derivatives
 
@@ -47,14 +48,9 @@ class CalibrationField:
         if nodes is None or not len(xy_px):
             return np.zeros((len(xy_px), 3))
         width, height = self._sizes[camera]
-        x = np.clip(xy_px[:, 0] / (width - 1), 0, 1) * (_NODES[0] - 1)
-        y = np.clip(xy_px[:, 1] / (height - 1), 0, 1) * (_NODES[1] - 1)
-        i = np.minimum(x.astype(int), _NODES[0] - 2)
-        j = np.minimum(y.astype(int), _NODES[1] - 2)
-        a, b = (x - i)[:, None], (y - j)[:, None]
-        upper = (1 - a) * nodes[j, i] + a * nodes[j, i + 1]
-        lower = (1 - a) * nodes[j + 1, i] + a * nodes[j + 1, i + 1]
-        field: FloatArray = (1 - b) * upper + b * lower
+        field: FloatArray = _reconstruction.bilinear(
+            nodes, float(width), float(height), np.ascontiguousarray(xy_px, dtype=float)
+        )
         return field
 
 
@@ -73,4 +69,4 @@ def _variance_nodes(
     nodes: FloatArray = np.stack(
         [variance[:, 0, 0], variance[:, 0, 1], variance[:, 1, 1]], axis=1
     ).reshape(_NODES[1], _NODES[0], 3)
-    return np.nan_to_num(nodes)
+    return np.ascontiguousarray(np.nan_to_num(nodes))

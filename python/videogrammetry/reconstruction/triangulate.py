@@ -260,45 +260,51 @@ def reconstruct_stage(
     thickness also those without a normal.
     """
     target: IntArray = matches.target
-    point, camera = np.nonzero(target >= 0)
-    index = target[point, camera]
-    offsets = np.concatenate([[0], np.cumsum((target >= 0).sum(axis=1))])
-    xy = np.empty((len(point), 2))
-    cov = np.empty((len(point), 3))
-    for c in range(target.shape[1]):
-        here = camera == c
-        xy[here] = xy_px[c][index[here]]
-        cov[here] = cov_px2[c][index[here]]
+    seen_by = target >= 0
+    place = np.flatnonzero(seen_by)
+    camera = (place % target.shape[1]).astype(np.int32)
+    # Of all cameras' targets, one camera's after the other.
+    first = np.concatenate([[0], np.cumsum([len(xy) for xy in xy_px])])
+    index = target.reshape(-1)[place] + first[camera]
+    offsets = np.concatenate([[0], np.cumsum(seen_by.sum(axis=1))])
+    xy = np.concatenate(xy_px).take(index, axis=0)
+    cov = np.concatenate(cov_px2).take(index, axis=0)
     circles = None
-    if targets is not None and len(point) and (diameter_mm is not None or thickness_mm != 0):
-        ellipse, ellipse_cov = np.empty((len(point), 3)), np.empty((len(point), 3, 3))
-        for c, seen in enumerate(targets):
-            here = camera == c
-            ellipse[here, :2] = seen.semi_axes_px[index[here]]
-            ellipse[here, 2] = seen.angle_rad[index[here]]
-            ellipse_cov[here] = seen.cov[index[here], 2:, 2:]
+    if targets is not None and len(place) and (diameter_mm is not None or thickness_mm != 0):
+        ellipse = [np.column_stack([t.semi_axes_px, t.angle_rad]) for t in targets]
         circles = Circles(
             diameter_mm=diameter_mm,
-            ellipse=ellipse,
-            ellipse_cov=ellipse_cov,
+            ellipse=np.concatenate(ellipse)[index],
+            ellipse_cov=np.concatenate([t.cov[:, 2:, 2:] for t in targets])[index],
             thickness_mm=thickness_mm,
         )
     result = triangulator(offsets, camera, xy, cov, circles)
     residual = np.full((*target.shape, 2), np.nan)
-    residual[point, camera] = result["residual_px"]
-    ok = result["status"] == 0
+    residual.reshape(-1, 2)[place] = result["residual_px"]
+    good = result["status"] == 0
+    # A slice, which copies nothing, where all went well.
+    ok: slice | npt.NDArray[np.bool_] = slice(None) if good.all() else good
     return StagePoints(
         id=matches.id[ok],
         target=target[ok],
         position_mm=result["position_mm"][ok],
         cov_image_mm2=result["cov_image_mm2"][ok],
         cov_rig_mm2=result["cov_rig_mm2"][ok],
-        rms_px=np.sqrt(np.nanmean(residual[ok] ** 2, axis=(1, 2))) if ok.any() else np.empty(0),
+        rms_px=_rms(result["residual_px"], offsets)[ok],
         chi2=result["chi2"][ok],
         convergence_rad=result["convergence_rad"][ok],
         residual_px=residual[ok],
         **({} if circles is None else _circle_fields(result, offsets, diameter_mm)),
     )
+
+
+def _rms(residual_px: FloatArray, offsets: npt.NDArray[np.int64]) -> FloatArray:
+    """(P,) RMS of the coordinates of every point's sightings, one at least."""
+    if len(offsets) < 2:
+        return np.empty(0)
+    squares = np.einsum("nk,nk->n", residual_px, residual_px)
+    rms: FloatArray = np.sqrt(np.add.reduceat(squares, offsets[:-1]) / (2 * np.diff(offsets)))
+    return rms
 
 
 def _circle_fields(

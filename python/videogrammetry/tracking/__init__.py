@@ -3,6 +3,7 @@
 from videogrammetry.tracking.gaps import FillOptions, fill_gaps
 from videogrammetry.tracking.link import (
     LinkOptions,
+    ManyLinks,
     StageLinks,
     Tracker,
     build_trajectories,
@@ -12,6 +13,7 @@ from videogrammetry.tracking.link import (
 __all__ = [
     "FillOptions",
     "LinkOptions",
+    "ManyLinks",
     "StageLinks",
     "Tracker",
     "build_trajectories",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+import numpy.typing as npt
 
 from videogrammetry._core import tracking as _tracking
 from videogrammetry.types import FloatArray, IntArray, StagePoints, Trajectories, cov6_from_matrix
@@ -79,6 +80,28 @@ class StageLinks:
                 log_odds[stage][row] = odds
 
 
+@dataclass(frozen=True, kw_only=True)
+class ManyLinks:
+    """What tracking says of consecutive stages; see :class:`StageLinks`.
+
+    Attributes
+    ----------
+    number, log_odds : (P,) of the points of all stages.
+    renames : (K, 3) the stage, counted from the first of these, that says so; from, to.
+    revised_at : (R,) the stage, likewise, that says so. revised_stage : (R,) counted from
+        the first stage that was ever added. revised_row, revised_number, revised_log_odds.
+    """
+
+    number: IntArray
+    log_odds: FloatArray
+    renames: IntArray
+    revised_at: IntArray
+    revised_stage: IntArray
+    revised_row: IntArray
+    revised_number: IntArray
+    revised_log_odds: FloatArray
+
+
 class Tracker:
     """Numbers for points, stage by stage, in memory that does not grow with the stages.
 
@@ -137,6 +160,39 @@ class Tracker:
         )
         renames = np.stack([result.pop("rename_from"), result.pop("rename_to")], axis=1)
         return StageLinks(renames=renames, **result)
+
+    def add_stages(
+        self, offsets: npt.ArrayLike, id: IntArray, position_mm: FloatArray, cov_mm2: FloatArray
+    ) -> ManyLinks:
+        """Link the points of consecutive stages, as :meth:`add` does one by one.
+
+        Parameters
+        ----------
+        offsets : (S + 1,) the points of the s-th stage are offsets[s] to offsets[s + 1].
+        id, position_mm : (P,), (P, 3) as in :meth:`add`.
+        cov_mm2 : (P, 6) of the image noise, order ``COV6_ORDER``.
+
+        Raises
+        ------
+        ValueError
+            As :meth:`add`; the stages before the one that is named are linked then.
+
+        Examples
+        --------
+        >>> x = np.array([[0.0, 0, 0], [1, 0, 0]])
+        >>> noise = np.tile([1e-4, 0, 0, 1e-4, 0, 1e-4], (2, 1))
+        >>> Tracker(100).add_stages([0, 1, 2], [7, 7], x, noise).number.tolist()
+        [7, 7]
+        """
+        result = self._core.add_stages(
+            np.ascontiguousarray(offsets, dtype=np.int64),
+            np.ascontiguousarray(id, dtype=np.int32),
+            np.ascontiguousarray(position_mm, dtype=float),
+            np.ascontiguousarray(cov_mm2, dtype=float),
+        )
+        names = ("rename_at", "rename_from", "rename_to")
+        renames = np.stack([result.pop(name) for name in names], axis=1)
+        return ManyLinks(renames=renames, **result)
 
 
 def link_stages(

@@ -12,6 +12,7 @@ IntArray = npt.NDArray[np.int32]
 COV6_ORDER = ("xx", "xy", "xz", "yy", "yz", "zz")
 _COV6_ROWS = np.array([0, 0, 0, 1, 1, 2])
 _COV6_COLS = np.array([0, 1, 2, 1, 2, 2])
+_COV6_PLACES = 3 * _COV6_ROWS + _COV6_COLS
 
 
 def cov6_from_matrix(matrix: FloatArray) -> FloatArray:
@@ -22,7 +23,9 @@ def cov6_from_matrix(matrix: FloatArray) -> FloatArray:
     >>> cov6_from_matrix(np.diag([1.0, 2.0, 3.0])).tolist()
     [1.0, 0.0, 0.0, 2.0, 0.0, 3.0]
     """
-    return np.ascontiguousarray(np.asarray(matrix)[..., _COV6_ROWS, _COV6_COLS])
+    matrix = np.asarray(matrix)
+    flat = matrix.reshape(*matrix.shape[:-2], 9)
+    return np.ascontiguousarray(flat.take(_COV6_PLACES, axis=-1))
 
 
 def matrix_from_cov6(cov6: FloatArray) -> FloatArray:

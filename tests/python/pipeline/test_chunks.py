@@ -15,12 +15,12 @@ from videogrammetry.pipeline import measure_frames, measure_project, measure_to_
 from videogrammetry.pipeline.assemble import (
     TrajectoryBuilder,
     assemble,
-    link_chunks,
     plan_of_chunks,
 )
 from videogrammetry.pipeline.chunk import CameraTargets
 from videogrammetry.pipeline.chunk_record import ChunkRecord, read_record, write_record
 from videogrammetry.pipeline.chunk_store import MemoryStore
+from videogrammetry.pipeline.linking import link_chunks
 from videogrammetry.pipeline.numbering import Numbering
 from videogrammetry.pipeline.sinks import ArraySink
 from videogrammetry.project import read_measurement, read_project

@@ -9,13 +9,13 @@ import pytest
 from moving_camera import body, calibrated, pictures, ring_rig, turned
 
 from videogrammetry.geometry import vector_from_rotation
-from videogrammetry.pipeline.assemble import Linked
 from videogrammetry.pipeline.chunk import CameraTargets, measure_targets
 from videogrammetry.pipeline.chunk_record import (
     CalibratedVolume,
     join_records,
     make_record,
 )
+from videogrammetry.pipeline.linking import Linked
 from videogrammetry.pipeline.stability import StabilityCheck
 from videogrammetry.pipeline.totals import Totals
 from videogrammetry.reconstruction import Triangulator

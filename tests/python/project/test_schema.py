@@ -56,6 +56,7 @@ points = "static.csv"
 
 [motion]
 reference_stage = 3
+fill_gaps = 8
 leave_out = ["large_residual", "unstable_camera"]
 filter = "butterworth"
 filter_cutoff_hz = 50.0
@@ -88,6 +89,7 @@ def test_a_complete_project(tmp_path: Path) -> None:
     assert (project.sequence.first, project.sequence.last) == (3, 20)
     assert project.stability.points == tmp_path.resolve() / "static.csv"
     assert project.motion.reference_stage == 3
+    assert project.motion.fill_gaps == 8
     assert project.motion.leave_out == ("large_residual", "unstable_camera")
     assert project.rig_path == tmp_path.resolve() / "rig.json"
 
@@ -154,8 +156,10 @@ WRONG = [
     ("pixel_mm = 0.004\n", "", 11, ["f_mm and pixel_mm"]),
     ("pixel_mm = 0.004", "pixel_mm = 0.004\nf_px = 1", 12, ["f_mm", "f_px", "take one away"]),
     ('[cameras."right 2"]', '[cameras."a+b"]', 16, ["a+b", "camera name"]),
-    ('["large_residual", ', '["large", ', 45, ("leave_out", "'large'", "two_rays")),
-    ("filter_cutoff_hz = 50.0", "", 46, ["filter_cutoff_hz"]),
+    ('["large_residual", ', '["large", ', 46, ("leave_out", "'large'", "two_rays")),
+    ("fill_gaps = 8", "fill_gaps = 101", 45, ["fill_gaps", "0 to 100"]),
+    ("fill_gaps = 8", "fill_gaps = -1", 45, ["fill_gaps", "0 or more"]),
+    ("filter_cutoff_hz = 50.0", "", 47, ["filter_cutoff_hz"]),
     ("schema = 1", "schema = 2", 1, ["newer", "update"]),
     ("schema = 1", "schema = 0", 1, ["schema"]),
     ('sequence = ["seq/left", "more/left.tif"]', "sequence = []", 6, ["sequence"]),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
+from videogrammetry._core import reconstruction as core
 from videogrammetry.geometry import CAMERA_PARAMETERS, fit_rigid, project
 from videogrammetry.reconstruction import CalibrationField, Rig, Triangulator
 from videogrammetry.types import RigCamera
@@ -94,3 +96,20 @@ def test_a_rig_without_covariance_adds_nothing():
     bare = Rig(cameras=rig.cameras)
     field = CalibrationField(Triangulator(bare))
     assert (field.covariance(1, np.array([[3.0, 4.0]])) == 0).all()
+
+
+def test_between_the_nodes_it_is_linear() -> None:
+    rng = np.random.default_rng(2)
+    nodes = rng.normal(size=(7, 9, 3))
+    xy = np.concatenate([rng.uniform(-50, 1100, (500, 2)), [[0, 0], [1023, 767], [np.nan, 4]]])
+    found = core.bilinear(nodes, 1024.0, 768.0, xy)
+    known = np.isfinite(xy[:, 0])
+    at = np.clip(xy[known] / [1023, 767], 0, 1) * [8, 6]
+    expected = np.stack(
+        [map_coordinates(nodes[..., k], at.T[::-1], order=1) for k in range(3)], axis=1
+    )
+    # Weighted means of numbers of size 3: a few roundings.
+    np.testing.assert_allclose(found[known], expected, rtol=0, atol=1e-14)
+    assert np.isnan(found[~known]).all()
+    with pytest.raises(ValueError, match="nodes"):
+        core.bilinear(nodes[:1], 1024.0, 768.0, xy)

@@ -159,3 +159,50 @@ def test_gaps_beyond_the_largest_stay():
     assert mask.any(axis=0).tolist() == [True, False, False, False, False]
     with pytest.raises(ValueError, match="largest_gap"):
         fill_gaps(trajectories(truth, rng, hidden), FillOptions(largest_gap=-1))
+
+
+def test_stages_at_once_are_the_stages_one_by_one() -> None:
+    rng = np.random.default_rng(8)
+    count, stages = 40, 60
+    way = rng.normal(size=(count, 2, 3)) * [[[50.0], [2.0]]]
+    offsets, ids, places = [0], [], []
+    for s in range(stages):
+        seen = rng.uniform(size=count) < 0.9
+        code = np.where(
+            (np.arange(count) < 5) & (rng.uniform(size=count) < 0.5), np.arange(count), -1
+        )
+        ids.append(code[seen].astype(np.int32))
+        places.append((way[:, 0] + s * way[:, 1] + 0.01 * rng.normal(size=(count, 3)))[seen])
+        offsets.append(offsets[-1] + int(seen.sum()))
+    one, many = Tracker(100), Tracker(100)
+    cov6 = np.tile([1e-4, 1e-5, 0, 1e-4, 0, 1e-4], (offsets[-1], 1))
+    whole = many.add_stages(offsets, np.concatenate(ids), np.concatenate(places), cov6)
+    number, renames, revised = [], [], []
+    for s, (code, place) in enumerate(zip(ids, places, strict=True)):
+        links = one.add(code, place, matrix_from_cov6(cov6[: len(code)]))
+        number.append(links.number)
+        renames += [[s, *pair] for pair in links.renames.tolist()]
+        revised += [
+            (s, *row)
+            for row in zip(
+                links.revised_stage.tolist(),
+                links.revised_row.tolist(),
+                links.revised_number.tolist(),
+                links.revised_log_odds.tolist(),
+                strict=True,
+            )
+        ]
+    np.testing.assert_array_equal(np.concatenate(number), whole.number)
+    assert whole.renames.tolist() == renames
+    assert len(renames) > 0
+    same = (
+        whole.revised_at,
+        whole.revised_stage,
+        whole.revised_row,
+        whole.revised_number,
+        whole.revised_log_odds,
+    )
+    assert list(zip(*(a.tolist() for a in same), strict=True)) == revised
+    assert many.num_points == one.num_points
+    with pytest.raises(ValueError, match="offsets"):
+        many.add_stages([0, 2], ids[0], places[0], cov6[: len(ids[0])])

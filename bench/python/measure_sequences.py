@@ -163,9 +163,7 @@ def parts(rig, sources, options, models, stages, store) -> Clock:
                 source,
                 options.recognition,
                 camera=models[name],
-                track=None
-                if options.full_every == 1
-                else TrackedOptions(full_every=options.full_every),
+                track=TrackedOptions(full_every=options.full_every),
                 first=first - 1,
                 last=last - 1,
                 num_threads=1,

@@ -115,9 +115,7 @@ class ChunkWorker:
     def _recognize(self, name: str, first: int, last: int) -> TargetSequence:
         options = self._options
         follows = options.recognition.method == _FOLLOWS
-        track = None
-        if follows and options.full_every > 1:
-            track = TrackedOptions(full_every=options.full_every)
+        track = TrackedOptions(full_every=options.full_every) if follows else None
         return recognize_sequence(
             self._sources[name],
             options.recognition,

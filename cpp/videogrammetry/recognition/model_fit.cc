@@ -40,41 +40,56 @@ constexpr double kGroundRise = 0.1, kBandPx = 0.5;
 constexpr double kMostMovedPx = 0.3, kMostResizedPx = 0.6;
 constexpr double kLeastBlurPx = 0.3, kMostBlurPx = 3.0;
 
-/// The point of the ellipse nearest to p, as u: |u| = 1.
-Eigen::Vector2d NearestOn(const EllipseFrame& frame, const Eigen::Matrix2d& inverse,
-                          const Eigen::Vector2d& p) {
-  const Eigen::Vector2d q = p - frame.center;
-  Eigen::Vector2d u = inverse * q;
-  const double length = u.norm();
-  if (length < 1e-3) return {1.0, 0.0};
-  u /= length;
-  // Newton on (q - E u) . E u' = 0 along the circle of u.
-  for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector2d across(-u.y(), u.x());
-    const Eigen::Vector2d gap = q - frame.shape * u, tangent = frame.shape * across;
-    const double speed = tangent.squaredNorm();
-    const double slope = std::max(0.2 * speed, speed + gap.dot(frame.shape * u));
-    const double step = std::clamp(gap.dot(tangent) / slope, -0.5, 0.5);
-    u += step * across;
-    u *= 1.0 / u.norm();
-    if (std::abs(step) < 1e-3) break;  // the next would be of second order
-  }
-  return u;
+/// A step of Newton's towards the point of the ellipse nearest to c + q: on (q - E u) . E u' = 0
+/// along the circle of u. @return its length, rad.
+double StepToNearest(const EllipseFrame& frame, const Eigen::Vector2d& q, Eigen::Vector2d* u) {
+  const Eigen::Vector2d across(-u->y(), u->x());
+  const Eigen::Vector2d on = frame.shape * *u, gap = q - on, tangent = frame.shape * across;
+  const double speed = tangent.squaredNorm();
+  const double slope = std::max(0.2 * speed, speed + gap.dot(on));
+  const double step = std::clamp(gap.dot(tangent) / slope, -0.5, 0.5);
+  *u += step * across;
+  *u *= 1.0 / u->norm();
+  return std::abs(step);
 }
 
 /// The contour's point nearest to a pixel: u, the outward normal there and the distance inward.
 struct Foot {
   Eigen::Vector2d u, normal;
   double distance = 0.0;
-};
 
-Foot FootAt(const EllipseFrame& frame, const Eigen::Matrix2d& inverse, const Eigen::Vector2d& p) {
-  Foot foot;
-  foot.u = NearestOn(frame, inverse, p);
-  foot.normal = frame.Normal(foot.u);
-  foot.distance = foot.normal.dot(frame.Point(foot.u) - p);
-  return foot;
-}
+  /// @param inverse  E^-1.
+  static Foot At(const EllipseFrame& frame, const Eigen::Matrix2d& inverse,
+                 const Eigen::Vector2d& p) {
+    const Eigen::Vector2d q = p - frame.center;
+    Foot foot;
+    foot.u = inverse * q;
+    const double length = foot.u.norm();
+    if (length < 1e-3) {
+      foot.u = {1.0, 0.0};
+    } else {
+      foot.u /= length;
+      for (int i = 0; i < 3; ++i) {
+        if (StepToNearest(frame, q, &foot.u) < 1e-3) break;  // the next is of second order
+      }
+    }
+    foot.Finish(frame, q);
+    return foot;
+  }
+
+  /// The same once the contour has moved a little: what one step leaves is of second order.
+  void Follow(const EllipseFrame& frame, const Eigen::Vector2d& p) {
+    const Eigen::Vector2d q = p - frame.center;
+    StepToNearest(frame, q, &u);
+    Finish(frame, q);
+  }
+
+ private:
+  void Finish(const EllipseFrame& frame, const Eigen::Vector2d& q) {
+    normal = frame.Normal(u);
+    distance = normal.dot(frame.shape * u - q);
+  }
+};
 
 /// Value and derivatives of Eqs. (1) to (3) at one pixel.
 struct Edge {
@@ -101,6 +116,7 @@ struct Pixel {
   Eigen::Vector2d at, v;
   double grey = 0.0;
   double outward = 0.0;  ///< of the contour that the fit began with
+  Foot foot;
 };
 
 /// The fit in its current state.
@@ -122,6 +138,7 @@ class Fit {
 
   const PictureModel* picture_;
   EllipseFrame frame_;
+  bool has_moved_ = false;  ///< since the pixels were collected
   Eigen::Matrix2d start_inverse_;
   Ellipse start_;
   Parameters values_ = Parameters::Zero();  ///< the first five unused: frame_
@@ -196,13 +213,13 @@ void Fit::CollectPixels(const SignedImage<T>& image) {
       const double radius = v.norm();
       // (a pixel is no nearer than along the minor axis)
       if (radius < deep || (radius - 1.0) * start_.semi_minor_px > reach) continue;
-      const Foot foot = FootAt(frame_, start_inverse_, p);
+      const Foot foot = Foot::At(frame_, start_inverse_, p);
       const double outward = -foot.distance;
       // A ring begins at twice the radius: |E n| beyond the dot along n.
       const double free = (frame_.shape * foot.normal).norm() - kRingReach * s;
       const double most = std::min(reach, std::max(kLeastOutside * s, free));
       if (outward > most || (radius < 1.0 && -outward > reach)) continue;
-      pixels_.push_back({p, v, static_cast<double>(image(x, y)), outward});
+      pixels_.push_back({p, v, static_cast<double>(image(x, y)), outward, foot});
     }
   }
   EndGround();
@@ -241,11 +258,11 @@ void Fit::EndGround() {
 }
 
 void Fit::Linearise() {
-  const Eigen::Matrix2d inverse = frame_.shape.inverse();
   const double area = frame_.shape.determinant(), s = values_[kBlur];
   for (std::size_t k = 0; k < pixels_.size(); ++k) {
-    const Pixel& pixel = pixels_[k];
-    const Foot foot = FootAt(frame_, inverse, pixel.at);
+    Pixel& pixel = pixels_[k];
+    if (has_moved_) pixel.foot.Follow(frame_, pixel.at);
+    const Foot& foot = pixel.foot;
     const Eigen::Vector2d &u = foot.u, &n = foot.normal;
     const double speed = (frame_.shape * Eigen::Vector2d(-u.y(), u.x())).norm();
     const double curvature = area / (speed * speed * speed);
@@ -303,6 +320,7 @@ bool Fit::Iterate() {
     const auto moved = frame_.Moved(step.head<5>());
     if (!moved) return false;
     frame_ = *moved;
+    has_moved_ = true;
     values_.tail<7>() += step.tail<7>();
     if (!(values_[kBlur] > kLeastBlurPx) || !(values_[kBlur] < kMostBlurPx)) return false;
     if (step.head<5>().norm() < kConvergedPx) {

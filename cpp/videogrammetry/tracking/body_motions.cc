@@ -4,6 +4,11 @@
 #include "videogrammetry/tracking/tracker_state.h"
 
 namespace videogrammetry {
+namespace {
+
+constexpr double kRefresh = 0.1;  // of the linked points, that many more tell something new
+
+}  // namespace
 
 const NeighbourMotion* BodyMotions::Since(const Track& track) {
   // Beyond the memory the state stands for the point, carried from stage to stage.
@@ -45,6 +50,25 @@ NeighbourMotion::Place BodyMotions::Move(const NeighbourMotion& motion, const Tr
   NeighbourMotion::Place place = motion.Move(last ? last->position_mm : track.state.position_mm());
   place.variance_mm2 += last ? last->variance_mm2 : std::pow(track.state.deviation_mm(), 2);
   return place;
+}
+
+const std::optional<NeighbourMotion::Place>& BodyMotions::PlaceOf(int t) {
+  auto [entry, fresh] = place_of_.try_emplace(t);
+  if (fresh) {
+    if (const NeighbourMotion* motion = Since(s_.track(t))) {
+      entry->second = Move(*motion, s_.track(t));
+    }
+  }
+  return entry->second;
+}
+
+void BodyMotions::Refresh() {
+  const auto linked = static_cast<int>(
+      std::count_if(s_.rows.track.begin(), s_.rows.track.end(), [](int t) { return t >= 0; }));
+  if (linked_ >= 0 && linked <= linked_ + kRefresh * linked_) return;
+  linked_ = linked;
+  from_.clear();
+  place_of_.clear();
 }
 
 }  // namespace videogrammetry

@@ -11,7 +11,6 @@ namespace {
 
 constexpr int kMostRows = 8;            // candidates of a track
 constexpr double kUnsettledOdds = 3.0;  // least log odds for a point seen once
-constexpr double kLeastAfterGap = 4.6;  // and for one that was not seen in the stage before
 
 class Sets {  // of tracks that belong together
  public:

@@ -29,28 +29,37 @@ struct Expected {
   bool guessed = false;  // a point seen once, by nothing but its place
 };
 
-std::vector<Expected> Expect(TrackerState& s, const PointIndex& open) {
+// How far from its own prediction a point may be behind a gap that no blow explains.
+double ReachBehindGap(const TrackerState& s, const Track& track) {
+  return s.options.max_share_of_spacing * s.spacing_mm +
+         2.0 * s.options.gate_sigma * track.predicted.deviation_mm();
+}
+
+std::vector<Expected> Expect(TrackerState& s, const PointIndex& open, BodyMotions& bodies) {
   std::vector<Expected> expected;
-  BodyMotions bodies(s);
   for (const int t : s.active) {
     const Track& track = s.track(t);
     if (!Loose(track)) continue;
     bool told = false;  // by the points around
     Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
     // Bending is worked out for those alone that could have a row.
-    if (!bodies.Rigid() && ((!track.settled && track.last_seen < s.stage - kGuessed) ||
-                            open.Distance(e.place_mm, 1) > kFarOff * s.spacing_mm)) {
+    const double off = open.Distance(e.place_mm, 1);
+    const bool lost = track.settled && track.last_seen < s.stage - 1 - kBlowWithin;
+    if (lost && off > ReachBehindGap(s, track)) continue;
+    const NeighbourMotion* motion = bodies.Since(track);
+    if (motion && !motion->rigid() &&
+        ((!track.settled && track.last_seen < s.stage - kGuessed) ||
+         off > kFarOff * s.spacing_mm)) {
       continue;
     }
-    if (const NeighbourMotion* motion = bodies.Since(track)) {
-      const NeighbourMotion::Place place = bodies.Move(*motion, track);
-      e.place_mm = place.position_mm;
-      told = place.variance_mm2 < std::pow(kTold * s.spacing_mm, 2);
+    if (const auto& place = bodies.PlaceOf(t)) {
+      e.place_mm = place->position_mm;
+      told = place->variance_mm2 < std::pow(kTold * s.spacing_mm, 2);
       const double noise = motion->rigid() ? s.rows.largest_variance_mm2 : 0.0;
       // Bending differs from place to place: while a point is watched, its
       // neighbours' agreement is no limit.
       if (motion->rigid() || track.last_seen < s.stage - 1 - kBlowWithin) {
-        e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place.variance_mm2 + noise));
+        e.limit_mm = s.options.gate_sigma * std::sqrt(3.0 * (place->variance_mm2 + noise));
       }
     } else {
       e.guessed = !track.settled;
@@ -180,13 +189,15 @@ void LinkByNeighbours(TrackerState& s) {
     group.members.clear();
   }
   std::erase_if(s.groups, [](const HypothesisGroup& g) { return g.members.empty(); });
+  BodyMotions bodies(s);
   for (int round = 0; round < kMaxRounds; ++round) {
+    bodies.Refresh();
     std::vector<Eigen::Vector3d> open;
     for (std::size_t r = 0; r < s.rows.size(); ++r) {
       if (s.rows.IsOpen(static_cast<int>(r))) open.push_back(s.rows.position_mm[r]);
     }
     if (open.empty()) return;
-    const std::vector<Expected> expected = Expect(s, PointIndex(open));
+    const std::vector<Expected> expected = Expect(s, PointIndex(open), bodies);
     if (expected.empty() || !LinkExpected(s, expected, !ByChance(s, expected))) return;
   }
 }

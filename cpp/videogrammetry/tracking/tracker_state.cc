@@ -84,7 +84,7 @@ double TrackerState::ReturnOdds(const Track& t) const {
 bool TrackerState::CanBeFound(const Track& t) const {
   return LinkConstant() + ReturnOdds(t) +
              Compare(Eigen::Vector3d::Zero(), t.predicted.position_cov_mm2()).log_density >
-         0;
+         (t.last_seen < stage - 1 ? kLeastAfterGap : 0.0);
 }
 
 void TrackerState::Candidates(const MotionState& predicted, int most,

@@ -26,6 +26,7 @@ constexpr int kMemoryStages = 16;  // positions kept of every point; more than a
 // Deviation of a prediction, of the spacing, below which no neighbours are asked.
 constexpr double kOwnMotionGood = 0.05;
 
+constexpr double kLeastAfterGap = 4.6;  // log odds of a link behind a gap
 constexpr double kUnknown = 1e4;  // velocity of a point seen once, in spacings or 1 mm
 
 constexpr double kCodeOdds = std::numeric_limits<double>::infinity();
@@ -138,12 +139,18 @@ class BodyMotions {
   bool Rigid();
   /// Where that puts the track.
   NeighbourMotion::Place Move(const NeighbourMotion& motion, const Track& track) const;
+  /// The same by Since, once a track; none if too few are identified.
+  const std::optional<NeighbourMotion::Place>& PlaceOf(int track);
+  /// Forgets what was found if by far more is linked since.
+  void Refresh();
 
  private:
   const NeighbourMotion* From(int stage);
 
   TrackerState& s_;
   std::map<int, std::optional<NeighbourMotion>> from_;
+  std::unordered_map<int, std::optional<NeighbourMotion::Place>> place_of_;
+  int linked_ = -1;
 };
 
 // The steps of a stage, in their order.

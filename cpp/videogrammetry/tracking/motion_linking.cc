@@ -89,8 +89,9 @@ class Grouping {
       HypothesisGroup group;
       for (const int i : part) {
         const auto u = static_cast<std::size_t>(i);
-        const HypothesisGroup next = u < n ? s_.groups[u] : HypothesisGroup::Of(s_, singles[u - n]);
-        group = group.members.empty() ? next : HypothesisGroup::Join(group, next);
+        HypothesisGroup next =
+            u < n ? std::move(s_.groups[u]) : HypothesisGroup::Of(s_, singles[u - n]);
+        group = group.members.empty() ? std::move(next) : HypothesisGroup::Join(group, next);
       }
       joined.push_back(std::move(group));
     }

@@ -35,16 +35,25 @@ double ReachBehindGap(const TrackerState& s, const Track& track) {
          2.0 * s.options.gate_sigma * track.predicted.deviation_mm();
 }
 
+// Log odds of a link to a row anywhere within a limit, which no covariance vouches for.
+double OddsWithin(const TrackerState& s, const Track& track, double limit_mm) {
+  const double volume = 4.0 / 3.0 * std::numbers::pi * std::pow(limit_mm, 3);
+  return s.LinkConstant() + s.ReturnOdds(track) - std::log(volume);
+}
+
 std::vector<Expected> Expect(TrackerState& s, const PointIndex& open, BodyMotions& bodies) {
   std::vector<Expected> expected;
+  const double least_limit =
+      s.options.gate_sigma * std::sqrt(6.0 * s.rows.largest_variance_mm2);  // noise at both ends
   for (const int t : s.active) {
     const Track& track = s.track(t);
     if (!Loose(track)) continue;
     bool told = false;  // by the points around
     Expected e{t, track.predicted.position_mm(), std::numeric_limits<double>::infinity(), false};
     // Bending is worked out for those alone that could have a row.
-    const double off = open.Distance(e.place_mm, 1);
     const bool lost = track.settled && track.last_seen < s.stage - 1 - kBlowWithin;
+    if (lost && OddsWithin(s, track, least_limit) < kLeastAfterGap) continue;
+    const double off = open.Distance(e.place_mm, 1);
     if (lost && off > ReachBehindGap(s, track)) continue;
     const NeighbourMotion* motion = bodies.Since(track);
     if (motion && !motion->rigid() &&
@@ -90,9 +99,7 @@ std::vector<Expected> Expect(TrackerState& s, const PointIndex& open, BodyMotion
   std::erase_if(expected, [&](const Expected& e) {
     const Track& track = s.track(e.track);
     if (track.last_seen == s.stage - 1 || std::isinf(e.limit_mm)) return false;
-    const double volume = 4.0 / 3.0 * std::numbers::pi * std::pow(e.limit_mm, 3);
-    static const double kT = getenv("KT") ? atof(getenv("KT")) : 0.0;
-    return s.LinkConstant() + s.ReturnOdds(track) - std::log(volume) < kT;
+    return OddsWithin(s, track, e.limit_mm) < 0.0;
   });
   return expected;
 }

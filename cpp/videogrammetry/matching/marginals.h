@@ -27,7 +27,7 @@ namespace videogrammetry {
 /// @param max_iterations  of the propagation.
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
                       std::vector<Candidate>* candidates, int exact_limit = 500,
-                      int max_iterations = 100);
+                      int max_iterations = 30);
 
 /// Probability that all targets of each candidate belong to one point: its own
 /// and those of the candidates that contain it.

@@ -180,7 +180,8 @@ class Propagation {
  private:
   // The largest relative change of a message of the candidates of a group.
   double Step(std::size_t begin, std::size_t end) {
-    for (std::size_t e = first_[begin]; e < first_[end]; ++e) most_[place_[e]] = rest_[place_[e]] = 0;
+    for (std::size_t e = first_[begin]; e < first_[end]; ++e)
+      most_[place_[e]] = rest_[place_[e]] = 0;
     for (std::size_t i = begin; i < end; ++i) {
       double all = weight_[i];
       for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) all *= n_[e];

@@ -180,7 +180,6 @@ void OpenGroup(TrackerState& s, const std::vector<int>& tracks) {
   s.groups.push_back(std::move(group));
 }
 
-
 }  // namespace
 
 void LinkByMotion(TrackerState& s) {

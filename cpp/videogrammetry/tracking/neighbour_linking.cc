@@ -11,7 +11,7 @@
 namespace videogrammetry {
 namespace {
 
-constexpr int kMostRows = 8;            // candidates of a track
+constexpr int kMostRows = 8;  // candidates of a track
 constexpr int kMaxRounds = 6;
 constexpr int kGuessed = 4;  // stages after which a point seen once is not guessed where it bends
 constexpr int kBlowWithin = 2;   // stages not seen behind which a blow may have been

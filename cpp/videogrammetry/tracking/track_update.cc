@@ -8,11 +8,10 @@
 namespace videogrammetry {
 namespace {
 
-constexpr double kForget = 0.05;            // of the shares, a stage
-constexpr int kLeastAround = 4;             // settled points that tell a new one's velocity
-constexpr double kScaleGain = 0.1;          // of a track's process noise, by its misses
-constexpr double kLargestScale = 4.6;       // log 100
-
+constexpr double kForget = 0.05;       // of the shares, a stage
+constexpr int kLeastAround = 4;        // settled points that tell a new one's velocity
+constexpr double kScaleGain = 0.1;     // of a track's process noise, by its misses
+constexpr double kLargestScale = 4.6;  // log 100
 
 // A prediction that was missed by more than the gate had too small a covariance;
 // of a point seen once, any.
@@ -101,8 +100,7 @@ void FinishTracks(TrackerState& s) {
     const int gap = s.stage - track.last_seen;
     if (track.number < s.first_free_id) continue;
     // Beyond the memory a point is found by its state or not at all.
-    track.dead =
-        gap >= s.options.max_gap_stages || (gap >= kMemoryStages && !s.CanBeFound(track));
+    track.dead = gap >= s.options.max_gap_stages || (gap >= kMemoryStages && !s.CanBeFound(track));
   }
   s.returns.Commit();
   if (expected > 0) {

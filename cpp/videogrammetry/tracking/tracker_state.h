@@ -27,7 +27,7 @@ constexpr int kMemoryStages = 16;  // positions kept of every point; more than a
 constexpr double kOwnMotionGood = 0.05;
 
 constexpr double kLeastAfterGap = 4.6;  // log odds of a link behind a gap
-constexpr double kUnknown = 1e4;  // velocity of a point seen once, in spacings or 1 mm
+constexpr double kUnknown = 1e4;        // velocity of a point seen once, in spacings or 1 mm
 
 constexpr double kCodeOdds = std::numeric_limits<double>::infinity();
 constexpr double kNoLink = std::numeric_limits<double>::quiet_NaN();
@@ -62,9 +62,7 @@ struct Track {
   void Remember(const Position& p) { past[static_cast<std::size_t>(p.stage % kMemoryStages)] = p; }
 };
 
-inline bool Loose(const Track& track) {
-  return track.row < 0 && track.group < 0 && !track.dead;
-}
+inline bool Loose(const Track& track) { return track.row < 0 && track.group < 0 && !track.dead; }
 
 // The stage that is being linked.
 struct StageRows {

@@ -7,8 +7,10 @@
 namespace videogrammetry {
 namespace {
 
-constexpr double kForget = 1.0 / 64;           // a stage
-constexpr double kReturns = 2.0, kGaps = 3.0;  // before anything is known: two of three
+constexpr double kForget = 1.0 / 64;  // a stage
+// Before anything is known: nine of ten come back from a short gap, two of three from a longer.
+constexpr std::size_t kShort = 3;  // classes
+constexpr double kReturns[] = {9.0, 2.0}, kGaps[] = {10.0, 3.0};
 
 }  // namespace
 
@@ -32,9 +34,9 @@ void ReturnStatistics::Commit() {
 }
 
 double ReturnStatistics::LogOdds(int gap) const {
-  const Count& count = past_[Class(gap)];
-  const double returned = count.returned + kReturns;
-  return std::log(returned / (count.exposed + kGaps - returned));
+  const std::size_t own = Class(gap), prior = own < kShort ? 0 : 1;
+  const double returned = past_[own].returned + kReturns[prior];
+  return std::log(returned / (past_[own].exposed + kGaps[prior] - returned));
 }
 
 }  // namespace videogrammetry

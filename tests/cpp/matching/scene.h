@@ -17,7 +17,7 @@ struct Scene {
 };
 
 struct PictureOptions {
-  double sigma_px = 0.05;  // of the centres
+  double sigma_px = 0.05;   // of the centres
   double radius_mm = 20.0;  // of the dots
   int coded = 0;            // the first points have an ID
 };

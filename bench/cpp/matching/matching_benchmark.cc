@@ -2,9 +2,9 @@
 // predicted or coded; right and wrong matches stand beside it.
 #include <benchmark/benchmark.h>
 
-#include <numeric>
 #include <random>
 
+#include "matching/scene.h"
 #include "videogrammetry/matching/match.h"
 #include "videogrammetry/matching/stages.h"
 
@@ -26,33 +26,8 @@ Rig Square(int cameras) {
   return rig;
 }
 
-struct Scene {
-  std::vector<CameraTargets> cameras;
-  std::vector<std::vector<int>> point;  // a camera, a target
-};
-
-Scene Picture(const Rig& rig, const std::vector<Eigen::Vector3d>& points, bool coded,
-              std::mt19937* random) {
-  std::normal_distribution<double> noise(0, kSigmaPx);
-  Scene scene;
-  for (const OrientedCamera& camera : rig) {
-    std::vector<int> order(points.size());
-    std::iota(order.begin(), order.end(), 0);
-    std::shuffle(order.begin(), order.end(), *random);
-    CameraTargets targets;
-    scene.point.emplace_back();
-    for (const int p : order) {
-      const auto pixel = ProjectFromWorld(camera, points[static_cast<std::size_t>(p)]);
-      if (!pixel) continue;
-      targets.xy_px.push_back(*pixel + Eigen::Vector2d(noise(*random), noise(*random)));
-      targets.cov_px2.push_back(kSigmaPx * kSigmaPx * Eigen::Matrix2d::Identity());
-      targets.id.push_back(coded ? p + 1 : -1);
-      targets.semi_major_px.push_back(2.0);
-      scene.point.back().push_back(p);
-    }
-    scene.cameras.push_back(std::move(targets));
-  }
-  return scene;
+PictureOptions Dots(bool coded, int points) {
+  return {.sigma_px = kSigmaPx, .radius_mm = 0.8, .coded = coded ? points : 0};
 }
 
 std::vector<Eigen::Vector3d> Cloud(int n, std::mt19937* random) {
@@ -68,26 +43,16 @@ void OneStage(benchmark::State& state) {
   std::mt19937 random(1);
   const Rig rig = Square(static_cast<int>(state.range(0)));
   const auto points = Cloud(static_cast<int>(state.range(1)), &random);
-  const Scene scene = Picture(rig, points, state.range(2) != 0, &random);
+  const Scene scene =
+      Picture(rig, points, Dots(state.range(2) != 0, static_cast<int>(points.size())), &random);
   MatchResult result;
   for (auto _ : state) {
     result = MatchStage(rig, scene.cameras);
     benchmark::DoNotOptimize(result.matches.data());
   }
-  int right = 0;
-  for (const Match& match : result.matches) {
-    int own = -1;
-    bool same = true;
-    for (std::size_t c = 0; c < rig.size(); ++c) {
-      if (match.target[c] < 0) continue;
-      const int p = scene.point[c][static_cast<std::size_t>(match.target[c])];
-      same = same && (own < 0 || own == p);
-      own = p;
-    }
-    right += same;
-  }
-  state.counters["right"] = right;
-  state.counters["wrong"] = static_cast<double>(result.matches.size()) - right;
+  const Count count = Judge(scene, result);
+  state.counters["right"] = count.right;
+  state.counters["wrong"] = count.wrong;
 }
 BENCHMARK(OneStage)
     ->ArgNames({"cameras", "points", "coded"})
@@ -121,7 +86,8 @@ void ManyStages(benchmark::State& state) {
       const double angle = start[p] + 0.03 * s;
       moved[p] += 30 * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.5 * std::cos(angle));
     }
-    const Scene scene = Picture(rig, moved, state.range(2) != 0, &random);
+    const Scene scene =
+        Picture(rig, moved, Dots(state.range(2) != 0, static_cast<int>(moved.size())), &random);
     for (std::size_t c = 0; c < rig.size(); ++c) {
       const CameraTargets& t = scene.cameras[c];
       CameraTargets& all = flat[c].targets;
@@ -130,7 +96,7 @@ void ManyStages(benchmark::State& state) {
       all.id.insert(all.id.end(), t.id.begin(), t.id.end());
       all.semi_major_px.insert(all.semi_major_px.end(), t.semi_major_px.begin(),
                                t.semi_major_px.end());
-      truth[c].insert(truth[c].end(), scene.point[c].begin(), scene.point[c].end());
+      truth[c].insert(truth[c].end(), scene.truth[c].begin(), scene.truth[c].end());
       flat[c].offsets.push_back(all.size());
     }
   }

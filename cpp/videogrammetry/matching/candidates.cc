@@ -221,15 +221,24 @@ bool CandidateMaker::Make(std::span<const ViewTarget> used, Candidate* candidate
 }
 
 void CandidateMaker::Look(Candidate* candidate) const {
-  candidate->in_view = candidate->covered = 0;
-  std::uint64_t own = 0;
+  std::array<Eigen::Vector2d, 64> place;
+  std::uint64_t own = 0, in_view = 0;
   for (const ViewTarget& s : candidate->used) own |= std::uint64_t{1} << s.camera;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
     if ((own >> c) & 1U) continue;
-    Eigen::Vector2d xy;
-    if (!cameras_[c].Project(candidate->point.position_mm, &xy)) continue;
-    if (!cameras_[c].InPicture(xy)) continue;
-    candidate->in_view |= std::uint64_t{1} << c;
+    if (!cameras_[c].Project(candidate->point.position_mm, &place[c])) continue;
+    if (cameras_[c].InPicture(place[c])) in_view |= std::uint64_t{1} << c;
+  }
+  LookAt(in_view, place, candidate);
+}
+
+void CandidateMaker::LookAt(std::uint64_t in_view, std::span<const Eigen::Vector2d> place,
+                            Candidate* candidate) const {
+  candidate->in_view = in_view;
+  candidate->covered = 0;
+  for (std::uint64_t left = in_view; left != 0; left &= left - 1) {
+    const auto c = static_cast<std::size_t>(std::countr_zero(left));
+    const Eigen::Vector2d& xy = place[c];
     bool covered = false;
     const auto look = [&](std::size_t t) {
       const double limit = kMergeAxes * data_[c].semi_major_px[t] / cameras_[c].f_px();

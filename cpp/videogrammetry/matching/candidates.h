@@ -73,6 +73,9 @@ class CandidateMaker {
 
   /// Which cameras would see it and do not, and where another target may be the reason.
   void Look(Candidate* candidate) const;
+  /// The same where the cameras that would see it, and the places, are known.
+  void LookAt(std::uint64_t in_view, std::span<const Eigen::Vector2d> place,
+              Candidate* candidate) const;
 
   /// Adds to a candidate the free targets that are surely its own.
   void Grow(const FreeTargets& free, const StageStatistics& statistics, Candidate* candidate) const;

@@ -144,7 +144,7 @@ class Enumeration {
   double total_ = 0.0, scale_ = 0.0;
 };
 
-// Belief propagation among the candidates of a list that is closed under sharing targets.
+// Belief propagation among the candidates of groups that are closed under sharing targets.
 class Propagation {
  public:
   Propagation(const std::vector<std::size_t>& list, const Claims& claims,
@@ -160,9 +160,15 @@ class Propagation {
     m_.resize(place_.size());
   }
 
-  void Run(int max_iterations) {
-    for (int i = 0; i < max_iterations; ++i) {
-      if (Step() < kConverged) break;
+  // `end`: of the groups one after another in the list. Nothing passes between them, and each
+  // goes on until it has converged itself.
+  void Run(std::span<const std::size_t> end, int max_iterations) {
+    std::size_t begin = 0;
+    for (const std::size_t e : end) {
+      for (int i = 0; i < max_iterations; ++i) {
+        if (Step(begin, e) < kConverged) break;
+      }
+      begin = e;
     }
     for (std::size_t i = 0; i < list_.size(); ++i) {
       double odds = weight_[i];
@@ -172,11 +178,11 @@ class Propagation {
   }
 
  private:
-  // The largest relative change of a message.
-  double Step() {
-    std::fill(most_.begin(), most_.end(), 0.0);
-    std::fill(rest_.begin(), rest_.end(), 0.0);
-    for (std::size_t i = 0; i < list_.size(); ++i) {
+  // The largest relative change of a message of the candidates of a group.
+  double Step(std::size_t begin, std::size_t end) {
+    for (std::size_t e = first_[begin]; e < first_[end]; ++e)
+      most_[place_[e]] = rest_[place_[e]] = 0;
+    for (std::size_t i = begin; i < end; ++i) {
       double all = weight_[i];
       for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) all *= n_[e];
       for (std::size_t e = first_[i]; e < first_[i + 1]; ++e) {
@@ -188,7 +194,7 @@ class Propagation {
       }
     }
     double change = 0;
-    for (std::size_t e = 0; e < place_.size(); ++e) {
+    for (std::size_t e = first_[begin]; e < first_[end]; ++e) {
       const std::size_t t = place_[e];
       // Without the own one, which may be nearly all of it.
       const double others = m_[e] == most_[t] ? rest_[t] : (rest_[t] - m_[e]) + most_[t];
@@ -278,12 +284,13 @@ void PropagateLogarithms(const std::vector<std::size_t>& group, const Claims& cl
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
                       std::vector<Candidate>* candidates, int exact_limit, int max_iterations) {
   const Claims claims(num_targets, *candidates);
-  std::vector<std::size_t> rest;
+  std::vector<std::size_t> rest, end;
   for (Candidate& c : *candidates) c.probability = 0;
   if (exact_limit <= 0) {
     for (std::size_t k = 0; k < candidates->size(); ++k) {
       if ((*candidates)[k].score > kNegligible) rest.push_back(k);
     }
+    end.push_back(rest.size());
   } else {
     for (const auto& group : claims.Groups()) {
       if (group.size() == 1) {
@@ -296,13 +303,14 @@ void SetProbabilities(const std::vector<std::size_t>& num_targets,
         continue;
       }
       rest.insert(rest.end(), group.begin(), group.end());
+      end.push_back(rest.size());
     }
   }
   if (std::any_of(rest.begin(), rest.end(),
                   [&](std::size_t k) { return (*candidates)[k].score > kMostExponent; })) {
     PropagateLogarithms(rest, claims, max_iterations, candidates);
   } else {
-    Propagation(rest, claims, candidates).Run(max_iterations);
+    Propagation(rest, claims, candidates).Run(end, max_iterations);
   }
 }
 

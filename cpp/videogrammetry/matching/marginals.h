@@ -24,10 +24,12 @@ namespace videogrammetry {
 /// @param num_targets  targets of each camera.
 /// @param exact_limit  sets that are summed at most in a group; 0: always
 ///     belief propagation.
-/// @param max_iterations  of the propagation.
+/// @param max_iterations  of the propagation, for each group of its own. Loops may not have
+///     settled by then: of real particles the mean log odds of a match were within 0.006
+///     of those after 100.
 void SetProbabilities(const std::vector<std::size_t>& num_targets,
                       std::vector<Candidate>* candidates, int exact_limit = 500,
-                      int max_iterations = 100);
+                      int max_iterations = 30);
 
 /// Probability that all targets of each candidate belong to one point: its own
 /// and those of the candidates that contain it.

@@ -4,7 +4,8 @@
 #include <atomic>
 #include <cmath>
 #include <thread>
-#include <unordered_set>
+
+#include "videogrammetry/matching/key_set.h"
 
 namespace videogrammetry {
 namespace {
@@ -31,12 +32,12 @@ void Sort(std::vector<ViewTarget>* used) {
 // What is known from the pairs of cameras before.
 struct Progress {
   FreeTargets settled;
-  std::unordered_set<std::uint64_t> pairs, sets;
+  KeySet pairs, sets;
   std::vector<Candidate> found;
 
   void Add(Candidate&& candidate) {
     const std::vector<ViewTarget>& used = candidate.used;
-    if (!sets.insert(SetKey(used)).second) return;
+    if (!sets.insert(SetKey(used))) return;
     for (std::size_t i = 0; candidate.size() > 2 && i < used.size(); ++i) {
       for (std::size_t j = i + 1; j < used.size(); ++j) pairs.insert(SetKey(used[i], used[j]));
     }
@@ -54,7 +55,9 @@ class Block {
  public:
   Block(const CandidateMaker& maker, const PairFinder& pairs, const FreeTargets& free,
         const StageStatistics& statistics, const Progress& before)
-      : maker_(maker), pairs_(pairs), free_(free), statistics_(statistics), before_(before) {}
+      : maker_(maker), pairs_(pairs), free_(free), statistics_(statistics), before_(before) {
+    place_.resize(maker.cameras().size());
+  }
 
   void Run(const CameraPair& pair, std::size_t first, std::size_t last,
            std::vector<Candidate>* found) {
@@ -87,6 +90,7 @@ class Block {
     seed_.in_view = seed_.covered = 0;  // the missed cameras are counted as they are passed
     pair.score = statistics_.Score(seed_);
     leaves_ = 0;
+    in_view_ = 0;
     GrowFrom(std::move(pair), 0);
   }
 
@@ -108,6 +112,10 @@ class Block {
       Eigen::Matrix<double, 2, 3> by;
       if (!cameras[c].Project(h.point.position_mm, &xy, &by)) continue;
       const bool in_view = cameras[c].InPicture(xy);
+      if (in_view && h.used.size() == 2) {  // the seed itself
+        in_view_ |= std::uint64_t{1} << c;
+        place_[c] = xy;
+      }
       maker_.Near(xy, by, cov, c, id, free_, &near);
       if (!in_view && near.empty()) continue;
       double share = 0;
@@ -151,9 +159,15 @@ class Block {
     Sort(&used);
     Candidate candidate;
     bool adjusted = true;
+    const std::size_t whole = used.size();
     while (used.size() >= 2) {
       if (before_.sets.contains(SetKey(used))) return;
-      if (maker_.Make(used, &candidate, false, adjusted ? &h.point : nullptr)) break;
+      // Where the cameras see the seed is known from its growing.
+      const bool seed = used.size() == 2 && whole == 2;
+      if (maker_.Make(used, &candidate, false, adjusted ? &h.point : nullptr, !seed)) {
+        if (seed) maker_.LookAt(in_view_, place_, &candidate);
+        break;
+      }
       if (used.size() == 2 || candidate.point.information.isZero()) return;
       adjusted = false;
       used.erase(used.begin() + static_cast<std::ptrdiff_t>(Worst(used, candidate.point)));
@@ -192,6 +206,8 @@ class Block {
   std::vector<Candidate>* found_ = nullptr;
   std::vector<int> partners_;
   Candidate seed_;
+  std::uint64_t in_view_ = 0;  // cameras that should see the seed, and where
+  std::vector<Eigen::Vector2d> place_;
   bool settled_ = false;
   int leaves_ = 0;
 };
@@ -263,8 +279,8 @@ std::vector<Candidate> FindCandidates(const CandidateMaker& maker, const PairFin
   for (auto& s : progress.settled) std::fill(s.begin(), s.end(), 0);
   std::size_t targets = 0;
   for (const auto& f : free) targets += f.size();
-  progress.sets.reserve(4 * targets);
-  progress.pairs.reserve(4 * targets);
+  progress.sets = KeySet(4 * targets);
+  progress.pairs = KeySet(4 * targets);
   std::vector<std::vector<Candidate>> found;
   for (const CameraPair& pair : pairs.pairs()) {
     const std::size_t n = free[pair.a].size(), blocks = (n + kBlock - 1) / kBlock;

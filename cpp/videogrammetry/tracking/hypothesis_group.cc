@@ -124,6 +124,10 @@ HypothesisGroup HypothesisGroup::Join(const HypothesisGroup& a, const Hypothesis
       w.weight = wa.weight + wb.weight;
       w.state = wa.state;
       w.state.insert(w.state.end(), wb.state.begin(), wb.state.end());
+      if (wa.predicted.size() == na && wb.predicted.size() == nb) {
+        w.predicted = wa.predicted;
+        w.predicted.insert(w.predicted.end(), wb.predicted.begin(), wb.predicted.end());
+      }
       w.alive = wa.alive;
       w.alive.insert(w.alive.end(), wb.alive.begin(), wb.alive.end());
       const std::size_t stages = std::max(wa.rows.size() + static_cast<std::size_t>(shift_a),
@@ -150,6 +154,7 @@ HypothesisGroup HypothesisGroup::Join(const HypothesisGroup& a, const Hypothesis
   if (both.worlds.empty()) {  // groups whose histories exclude each other: the best of the first
     World w = a.worlds.front();
     w.state.insert(w.state.end(), b.worlds.front().state.begin(), b.worlds.front().state.end());
+    w.predicted.clear();
     w.alive.insert(w.alive.end(), nb, 0);
     w.rows.insert(w.rows.begin(), static_cast<std::size_t>(shift_a), std::vector<int>(na, -1));
     for (auto& rows : w.rows) rows.insert(rows.end(), nb, -1);
@@ -159,13 +164,21 @@ HypothesisGroup HypothesisGroup::Join(const HypothesisGroup& a, const Hypothesis
   return both;
 }
 
-std::vector<int> HypothesisGroup::PossibleRows(const TrackerState& s) const {
+void HypothesisGroup::PredictWorlds(TrackerState& s) {
+  for (World& world : worlds) {
+    for (std::size_t m = world.predicted.size(); m < members.size(); ++m) {
+      world.predicted.push_back(Predict(world.state[m], s.ModelOf(s.track(members[m]))));
+    }
+  }
+}
+
+std::vector<int> HypothesisGroup::PossibleRows(TrackerState& s) {
+  PredictWorlds(s);
   std::vector<int> rows, found;
   for (const World& world : worlds) {
     for (std::size_t m = 0; m < members.size(); ++m) {
       if (!world.alive[m]) continue;
-      const MotionState predicted =
-          Predict(world.state[m], s.ModelOf(s.tracks[static_cast<std::size_t>(members[m])]));
+      const MotionState& predicted = world.predicted[m];
       s.Candidates(predicted, 2 * kMostRows, &found);
       for (const int row : found) {
         if (s.rows.IsOpen(row) && s.LogOdds(predicted, static_cast<std::size_t>(row)) > 0) {
@@ -180,24 +193,24 @@ std::vector<int> HypothesisGroup::PossibleRows(const TrackerState& s) const {
 }
 
 void HypothesisGroup::Step(TrackerState& s) {
-  std::vector<std::vector<MotionState>> predicted(worlds.size());
+  PredictWorlds(s);
   std::vector<Continuation> found;
   std::vector<int> rows;
   double best = -std::numeric_limits<double>::infinity();
   for (std::size_t w = 0; w < worlds.size(); ++w) {
     std::vector<std::vector<Choice>> choices(members.size());
     for (std::size_t m = 0; m < members.size(); ++m) {
-      predicted[w].push_back(Predict(worlds[w].state[m], s.ModelOf(s.track(members[m]))));
+      const MotionState& predicted = worlds[w].predicted[m];
       if (!worlds[w].alive[m]) continue;
       if (const int row = s.track(members[m]).row; row >= 0) {
-        const double odds = s.LogOdds(predicted[w][m], static_cast<std::size_t>(row));
+        const double odds = s.LogOdds(predicted, static_cast<std::size_t>(row));
         choices[m].push_back({row, std::max(odds, kLeastByCode), true});
         continue;
       }
-      s.Candidates(predicted[w][m], 2 * kMostRows, &rows);
+      s.Candidates(predicted, 2 * kMostRows, &rows);
       for (const int row : rows) {
         if (!s.rows.IsOpen(row)) continue;
-        const double odds = s.LogOdds(predicted[w][m], static_cast<std::size_t>(row));
+        const double odds = s.LogOdds(predicted, static_cast<std::size_t>(row));
         if (odds > 0) choices[m].push_back({row, odds});
       }
       std::stable_sort(choices[m].begin(), choices[m].end(),
@@ -213,13 +226,15 @@ void HypothesisGroup::Step(TrackerState& s) {
   for (const Continuation& c : found) {
     if (c.weight < best - kForget) break;
     const auto w = static_cast<std::size_t>(c.world);
-    World world{c.weight - best, {}, worlds[w].alive, worlds[w].rows};
+    const std::vector<MotionState>& predicted = worlds[w].predicted;
+    World world{c.weight - best, {}, {}, worlds[w].alive, worlds[w].rows};
+    world.state.reserve(members.size());
     world.rows.push_back(c.rows);
     for (std::size_t m = 0; m < members.size(); ++m) {
       const auto row = static_cast<std::size_t>(c.rows[m]);
       world.state.push_back(
-          c.rows[m] < 0 ? predicted[w][m]
-                        : Update(predicted[w][m], s.rows.position_mm[row], s.rows.cov_mm2[row]));
+          c.rows[m] < 0 ? predicted[m]
+                        : Update(predicted[m], s.rows.position_mm[row], s.rows.cov_mm2[row]));
     }
     next.push_back(std::move(world));
   }

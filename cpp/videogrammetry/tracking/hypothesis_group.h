@@ -17,6 +17,7 @@ struct HypothesisGroup {
   struct World {
     double weight = 0.0;  // log likelihood, against all missed and new
     std::vector<MotionState> state;
+    std::vector<MotionState> predicted;  // at the stage that is being linked; empty: not yet
     std::vector<char> alive;             // a member that another member's rows explain is not there
     std::vector<std::vector<int>> rows;  // stage since first_stage, member -> row or -1
   };
@@ -33,11 +34,13 @@ struct HypothesisGroup {
   static HypothesisGroup Join(const HypothesisGroup& a, const HypothesisGroup& b);
 
   /// Rows that any member may have at the current stage.
-  std::vector<int> PossibleRows(const TrackerState& s) const;
+  std::vector<int> PossibleRows(TrackerState& s);
   /// Continues all worlds with the rows of the current stage that nobody has.
   void Step(TrackerState& s);
   /// Tells the tracks what the best world says and revises what was said otherwise.
   void Publish(TrackerState& s);
+  /// Predicts all worlds to the current stage, once.
+  void PredictWorlds(TrackerState& s);
   /// Whether all worlds agree, or the window is over; keeps the best then.
   bool Settle(const TrackerState& s);
   /// Gives the members back; those that the best world does not have are dead.

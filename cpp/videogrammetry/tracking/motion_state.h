@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 
 namespace videogrammetry {
 
@@ -30,6 +31,8 @@ struct MotionState {
   Eigen::Vector3d position_mm() const { return mean.head<3>(); }
   Eigen::Vector3d velocity_mm() const { return mean.segment<3>(3); }
   Eigen::Matrix3d position_cov_mm2() const { return cov.topLeftCorner<3, 3>(); }
+  /// Standard deviation of a coordinate, mean of the three.
+  double deviation_mm() const { return std::sqrt(position_cov_mm2().trace() / 3.0); }
 };
 
 /// A point seen once: its velocity is `velocity_mm` a stage within `velocity_cov`.

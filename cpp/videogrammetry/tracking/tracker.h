@@ -66,7 +66,8 @@ struct TrackerState;
 ///  3. where another assignment is nearly as likely, both are followed for a
 ///     window (HypothesisGroup; Reid, IEEE Trans. AC 24 (1979));
 ///  4. what remains, by the motion of all that is linked, from the identified
-///     points outwards, within a share of the spacing;
+///     points outwards, within a share of the spacing; behind a gap only where that
+///     is likelier than a new point by how often points return (ReturnStatistics);
 ///  5. an un-coded point where a code is read that has not been seen beside it is
 ///     that code, also before: a Rename;
 ///  6. points that nothing predicts yet, by four positions in a row that move evenly.

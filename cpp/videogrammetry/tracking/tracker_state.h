@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <map>
 #include <optional>
 #include <unordered_map>
@@ -15,6 +16,7 @@
 #include "videogrammetry/tracking/motion_statistics.h"
 #include "videogrammetry/tracking/neighbour_motion.h"
 #include "videogrammetry/tracking/point_index.h"
+#include "videogrammetry/tracking/return_statistics.h"
 #include "videogrammetry/tracking/tracker.h"
 
 namespace videogrammetry {
@@ -23,6 +25,12 @@ constexpr int kMemoryStages = 16;  // positions kept of every point; more than a
 
 // Deviation of a prediction, of the spacing, below which no neighbours are asked.
 constexpr double kOwnMotionGood = 0.05;
+
+constexpr double kLeastAfterGap = 4.6;  // log odds of a link behind a gap
+constexpr double kUnknown = 1e4;        // velocity of a point seen once, in spacings or 1 mm
+
+constexpr double kCodeOdds = std::numeric_limits<double>::infinity();
+constexpr double kNoLink = std::numeric_limits<double>::quiet_NaN();
 
 struct Track {
   int number = 0;
@@ -54,6 +62,8 @@ struct Track {
   void Remember(const Position& p) { past[static_cast<std::size_t>(p.stage % kMemoryStages)] = p; }
 };
 
+inline bool Loose(const Track& track) { return track.row < 0 && track.group < 0 && !track.dead; }
+
 // The stage that is being linked.
 struct StageRows {
   int stage = 0;
@@ -81,6 +91,7 @@ struct TrackerState {
   double spacing_mm = 0.0;   // median distance to the nearest other point; 0: not known
   double share_seen = 0.95;  // of the points that were to be seen
   double share_new = 0.05;   // of a stage's points
+  ReturnStatistics returns;  // of points that were not seen
   std::deque<Track> tracks;  // places are used again
   std::vector<int> active;   // in the order of their beginning
   std::vector<int> unused;
@@ -107,8 +118,10 @@ struct TrackerState {
 
   double LinkConstant() const;  // log odds of a link without log N(e; 0, S)
   double LogOdds(const MotionState& predicted, std::size_t row) const;  // -inf outside the gate
+  /// What is added to the log odds of a link for the stages in which the track was not seen.
+  double ReturnOdds(const Track& track) const;
   /// Whether a row at the very place would be a link.
-  bool CanBeFound(const MotionState& predicted) const;
+  bool CanBeFound(const Track& track) const;
   /// The nearest rows within the gate's reach.
   void Candidates(const MotionState& predicted, int most, std::vector<int>* rows_found) const;
 };
@@ -124,12 +137,18 @@ class BodyMotions {
   bool Rigid();
   /// Where that puts the track.
   NeighbourMotion::Place Move(const NeighbourMotion& motion, const Track& track) const;
+  /// The same by Since, once a track; none if too few are identified.
+  const std::optional<NeighbourMotion::Place>& PlaceOf(int track);
+  /// Forgets what was found if by far more is linked since.
+  void Refresh();
 
  private:
   const NeighbourMotion* From(int stage);
 
   TrackerState& s_;
   std::map<int, std::optional<NeighbourMotion>> from_;
+  std::unordered_map<int, std::optional<NeighbourMotion::Place>> place_of_;
+  int linked_ = -1;
 };
 
 // The steps of a stage, in their order.
@@ -138,6 +157,9 @@ void LinkByMotion(TrackerState& s);
 void LinkByNeighbours(TrackerState& s);
 void NameByCode(TrackerState& s);
 void StartChains(TrackerState& s);
+void Learn(TrackerState& s);  // what the last stages' positions say of the accelerations
+void FinishTracks(TrackerState& s);
 void ExtendBack(TrackerState& s);
+void BeginTracks(TrackerState& s);
 
 }  // namespace videogrammetry

@@ -4,9 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <random>
 #include <stdexcept>
+
+#include "matching/scene.h"
 
 namespace videogrammetry {
 namespace {
@@ -27,56 +28,10 @@ Rig ArcRig(int n) {
   return rig;
 }
 
-struct Scene {
-  std::vector<CameraTargets> cameras;
-  std::vector<std::vector<int>> truth;  // camera, target -> point
-};
-
 // Noisy pictures in random order; `coded` gives the first points an ID.
 Scene Picture(const Rig& rig, const std::vector<Eigen::Vector3d>& points, int coded,
               std::mt19937* random) {
-  std::normal_distribution<double> noise(0, kSigmaPx);
-  Scene scene;
-  for (const OrientedCamera& oriented : rig) {
-    std::vector<int> order(points.size());
-    std::iota(order.begin(), order.end(), 0);
-    std::shuffle(order.begin(), order.end(), *random);
-    CameraTargets targets;
-    std::vector<int> truth;
-    for (const int p : order) {
-      const Eigen::Vector3d& point = points[static_cast<std::size_t>(p)];
-      const Eigen::Vector2d pixel = *ProjectFromWorld(oriented, point);
-      targets.xy_px.push_back(pixel + Eigen::Vector2d(noise(*random), noise(*random)));
-      targets.cov_px2.push_back(kSigmaPx * kSigmaPx * Eigen::Matrix2d::Identity());
-      targets.id.push_back(p < coded ? p + 1 : -1);
-      targets.semi_major_px.push_back(20.0 * oriented.camera.f_px() /
-                                      (oriented.cam_from_world * point).z());
-      truth.push_back(p);
-    }
-    scene.cameras.push_back(std::move(targets));
-    scene.truth.push_back(std::move(truth));
-  }
-  return scene;
-}
-
-struct Count {
-  int right = 0, wrong = 0;
-};
-
-Count Judge(const Scene& scene, const MatchResult& result) {
-  Count count;
-  for (const Match& match : result.matches) {
-    int point = -1;
-    bool same = true;
-    for (std::size_t c = 0; c < match.target.size(); ++c) {
-      if (match.target[c] < 0) continue;
-      const int p = scene.truth[c][static_cast<std::size_t>(match.target[c])];
-      same = same && (point < 0 || p == point);
-      point = p;
-    }
-    ++(same ? count.right : count.wrong);
-  }
-  return count;
+  return Picture(rig, points, {.sigma_px = kSigmaPx, .radius_mm = 20.0, .coded = coded}, random);
 }
 
 std::vector<Eigen::Vector3d> Cloud(int n, std::mt19937* random, double depth = 12000) {

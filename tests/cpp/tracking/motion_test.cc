@@ -7,6 +7,7 @@
 #include "videogrammetry/tracking/motion_state.h"
 #include "videogrammetry/tracking/motion_statistics.h"
 #include "videogrammetry/tracking/neighbour_motion.h"
+#include "videogrammetry/tracking/return_statistics.h"
 #include "videogrammetry/tracking/smoother.h"
 
 namespace videogrammetry {
@@ -154,6 +155,24 @@ TEST(FillGaps, LongGapsAndEndsStay) {
   EXPECT_THROW(FillGaps(&table, {.largest_gap = -1}), std::invalid_argument);
   table.seen.pop_back();
   EXPECT_THROW(FillGaps(&table, {}), std::invalid_argument);
+}
+
+TEST(ReturnStatistics, LearnsTheShareThatReturnsByTheGap) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> one;
+  ReturnStatistics returns;
+  for (int stage = 0; stage < 400; ++stage) {
+    for (int k = 0; k < 20; ++k) {
+      returns.Add(2, one(random) < 0.9);
+      returns.Add(20, one(random) < 0.02);
+    }
+    returns.Commit();
+  }
+  // 64 stages of 20 are remembered: of shares p, log odds scatter by 1 / sqrt(n p (1 - p)).
+  EXPECT_NEAR(returns.LogOdds(2), std::log(0.9 / 0.1), 5.0 / std::sqrt(1280 * 0.9 * 0.1));
+  EXPECT_NEAR(returns.LogOdds(20), std::log(0.02 / 0.98), 5.0 / std::sqrt(1280 * 0.02 * 0.98));
+  // Of other gaps nothing is known yet: they are taken for hidden rather than gone.
+  EXPECT_GT(returns.LogOdds(7), 0.0);
 }
 
 }  // namespace

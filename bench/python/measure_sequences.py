@@ -1,6 +1,7 @@
 """Stages a second from packed pictures to a file of trajectories, part by part.
 
     python bench/python/measure_sequences.py [--stages 2000] [--threads 2] [--full-every 25]
+        [--clutter 0.3 0]
 
 Four cameras of 1024x1024 pixels, 12 bit packed in Photron's way, see 50 coded targets on
 a shaking plate; the rendered period of 64 stages is read again and again, as a recording
@@ -108,13 +109,13 @@ def positions(stage: int) -> np.ndarray:
     return flat + shake + np.column_stack([0 * bend, 0 * bend, bend])
 
 
-def render(rig: RigData, folder: Path) -> None:
+def render(rig: RigData, folder: Path, clutter: float = 0.3) -> None:
     family = code_family("schneider-14")
     ids = np.arange(1, TARGETS + 1)
     for name, camera in rig.cameras.items():
         renderer = Renderer(
             camera,
-            background=Background(level=0.3, clutter=0.3, seed=3),
+            background=Background(level=0.3, clutter=clutter, seed=3),
             sensor=Sensor(psf_sigma_px=0.7, read_noise=8.0, bit_depth=12),
         )
         with create_sequence(
@@ -294,26 +295,32 @@ def main() -> None:
     parser.add_argument("--stages", type=int, default=2000)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--full-every", type=int, nargs="*", default=[25, 1])
+    parser.add_argument("--clutter", type=float, nargs="*", default=[0.3, 0.0])
     parser.add_argument("--parts", action="store_true", help="times of the parts on one thread")
     arguments = parser.parse_args()
     rig = make_rig()
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        render(rig, folder)
-        sources = {
-            camera: Looped(open_sequence(folder / f"{camera}.cihx"), arguments.stages)
-            for camera in rig.cameras
-        }
-        options = ChunkOptions(recognition=RecognitionOptions(), matching=MatchingOptions())
-        for full_every in arguments.full_every:
-            chosen = replace(options, full_every=full_every)
-            run(rig, sources, chosen, arguments.stages, arguments.threads, folder)
-            if arguments.parts:
-                models = learn_models(sources, chosen.recognition, (1, 200))
-                store = FolderStore(folder / "parts", "parts")
-                clock = parts(rig, sources, chosen, models, 200, store)
-                for part, seconds in clock.seconds.items():
-                    print(f"{part}: {seconds / 200 * 1e6:.0f} us of processor time a stage")
+    for clutter in arguments.clutter:
+        print(f"\n{TARGETS} targets, ground with {clutter:g} of the contrast of clutter")
+        with tempfile.TemporaryDirectory() as name:
+            measure(rig, Path(name), clutter, arguments)
+
+
+def measure(rig: RigData, folder: Path, clutter: float, arguments: argparse.Namespace) -> None:
+    render(rig, folder, clutter)
+    sources = {
+        camera: Looped(open_sequence(folder / f"{camera}.cihx"), arguments.stages)
+        for camera in rig.cameras
+    }
+    options = ChunkOptions(recognition=RecognitionOptions(), matching=MatchingOptions())
+    for full_every in arguments.full_every:
+        chosen = replace(options, full_every=full_every)
+        run(rig, sources, chosen, arguments.stages, arguments.threads, folder)
+        if arguments.parts:
+            models = learn_models(sources, chosen.recognition, (1, 200))
+            store = FolderStore(folder / "parts", "parts")
+            clock = parts(rig, sources, chosen, models, 200, store)
+            for part, seconds in clock.seconds.items():
+                print(f"{part}: {seconds / 200 * 1e6:.0f} us of processor time a stage")
 
 
 if __name__ == "__main__":

@@ -47,7 +47,6 @@ float BrightLevel(const KnownRing& ring) {
   }
   if (count == 0 || count == ring.n) return 0.0f;
   const float mean = sum / static_cast<float>(count);
-  // Written so that NaN is not as it was.
   const bool same = mean > kMinStep && lowest >= kLeastBright * mean &&
                     highest_dark <= kMostDark * mean && lowest_dark >= -kMostDark * mean;
   return same ? mean : 0.0f;

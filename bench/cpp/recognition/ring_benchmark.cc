@@ -1,5 +1,5 @@
 // Time of reading a ring: 14 bits around dots of 12 px, and dots without a ring, by
-// every instruction set; from grey values in floats and with their conversion.
+// every instruction set; and of following one that is known.
 #include <benchmark/benchmark.h>
 
 #include <cmath>
@@ -63,35 +63,40 @@ std::vector<Sight> Sights(bool coded) {
   return sights;
 }
 
-/// Arguments: instruction set, coded, with the window's conversion.
+enum Way { kNoRing, kRead, kFollowed };
+
+/// Arguments: instruction set, way.
 void ReadRings(benchmark::State& state) {
   const auto set = static_cast<InstructionSet>(state.range(0));
   if (set > DetectInstructionSet()) {
     state.SkipWithError("not on this processor");
     return;
   }
-  const bool coded = state.range(1) != 0, convert = state.range(2) != 0;
+  const int way = static_cast<int>(state.range(1));
   static const std::vector<Sight> all[2] = {Sights(false), Sights(true)};
-  const auto& sights = all[coded ? 1 : 0];
-  std::vector<WindowReader> readers;
-  for (const Sight& sight : sights) readers.emplace_back(sight.view(), 1, set);
-  std::vector<GreyWindow> windows;
-  for (std::size_t i = 0; i < sights.size(); ++i) {
-    windows.push_back(ReadRingWindow(sights[i].dot, Family(), &readers[i]));
+  const auto& sights = all[way == kNoRing ? 0 : 1];
+  std::vector<GreySampler> pictures;
+  std::vector<RingReading> before;
+  for (const Sight& sight : sights) {
+    pictures.emplace_back(sight.view(), 1, set);
+    before.push_back(ReadRing(pictures.back(), sight.dot, Family(), ReadingDirection::kClockwise));
   }
   std::size_t read = 0, at = 0;
   for (auto _ : state) {
     at = (at + 1) % sights.size();
-    if (convert) windows[at] = ReadRingWindow(sights[at].dot, Family(), &readers[at]);
-    const auto reading =
-        ReadRing(windows[at], sights[at].dot, Family(), ReadingDirection::kClockwise);
-    read += reading.id ? 1 : 0;
+    const TargetEdge& dot = sights[at].dot;
+    if (way == kFollowed) {
+      read += FollowRing(pictures[at], dot, Family(), before[at]) ? 1 : 0;
+    } else {
+      const auto ring = ReadRing(pictures[at], dot, Family(), ReadingDirection::kClockwise);
+      read += ring.id ? 1 : 0;
+    }
   }
   state.counters["read"] = static_cast<double>(read) / static_cast<double>(state.iterations());
-  state.SetLabel(std::string(InstructionSetName(set)) + (coded ? " coded" : " no ring") +
-                 (convert ? ", converted" : ""));
+  const char* const ways[] = {" no ring", " read", " followed"};
+  state.SetLabel(std::string(InstructionSetName(set)) + ways[way]);
 }
-BENCHMARK(ReadRings)->ArgsProduct({{0, 1, 2}, {0, 1}, {0, 1}});
+BENCHMARK(ReadRings)->ArgsProduct({{0, 1, 2}, {kNoRing, kRead, kFollowed}});
 
 }  // namespace
 }  // namespace videogrammetry

@@ -66,7 +66,7 @@ def measured(project: Project, **options: Any) -> tuple[float, dict[str, bytes]]
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--stages", type=int, default=20000)
+    parser.add_argument("--stages", type=int, default=120000)
     parser.add_argument("--workers", type=int, default=4)
     parser.add_argument("--every", type=float, default=2.0, help="seconds between kills")
     parser.add_argument("--kills", type=int, default=sys.maxsize, help="no more than so many")

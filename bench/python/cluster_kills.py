@@ -4,7 +4,7 @@ A LocalCluster of some processes measures a rendered project of three cameras; e
 one of the workers gets kill -9. The datasets are compared, byte for byte, with those that
 threads give.
 
-    python bench/python/cluster_kills.py [--stages 20000] [--workers 4] [--every 2] [--kills N]
+    python bench/python/cluster_kills.py [--stages 120000] [--workers 4] [--every 2] [--kills N]
 """
 
 from __future__ import annotations

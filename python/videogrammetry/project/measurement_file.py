@@ -11,9 +11,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +21,8 @@ import h5py
 import numpy as np
 
 from videogrammetry.errors import ProjectFileError
-from videogrammetry.project.atomic import atomic_path, flush_file
+from videogrammetry.project.atomic import atomic_path
+from videogrammetry.project.hdf5_blocks import DEFLATE, ROWS, Flusher, RowBuffer, write_block
 from videogrammetry.project.hdf5_output import Hdf5Output, open_hdf5
 from videogrammetry.types import (
     COV6_ORDER,
@@ -96,10 +95,6 @@ _STABILITY: Mapping[str, tuple[str, tuple[str, ...], str]] = {
 
 #: Points of a block of the file, and stages: blocks without a measured point take no room.
 _BLOCK = (100, 64)
-#: Rows of a block of what has no points: series of stages, targets.
-_ROWS = 4096
-#: The deflation and the stages between two looks whether the disk keeps up.
-_DEFLATE, _FLUSH_STAGES = 1, 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +127,7 @@ class MeasurementWriter:
     """Writes a measurement part by part, so that it need not fit into memory."""
 
     def __init__(
-        self, file: h5py.File, layout: MeasurementLayout, output: Hdf5Output, flusher: _Flusher
+        self, file: h5py.File, layout: MeasurementLayout, output: Hdf5Output, flusher: Flusher
     ) -> None:
         self._file, self._layout, self._output = file, layout, output
         self._open: dict[str, h5py.Dataset] = {}
@@ -150,8 +145,8 @@ class MeasurementWriter:
                 self._create(prefix + name, _DTYPES.get(name, np.float64), dimensions, units)
         self._write_stability()
         self._explain()
-        self._series = _RowBuffer(self._open, len(layout.stage))
-        self._targets = _RowBuffer(self._open, layout.num_targets)
+        self._series = RowBuffer(self._open, len(layout.stage))
+        self._targets = RowBuffer(self._open, layout.num_targets)
         self._flusher = flusher
         output.check()
 
@@ -194,7 +189,7 @@ class MeasurementWriter:
                 part = np.full((len(values), end - begin, *values.shape[2:]), fill, dataset.dtype)
                 part[:, columns[first:last] - begin] = values[:, first:last]
             if whole:
-                _write_block(dataset, (rows.start, begin), part)
+                write_block(dataset, (rows.start, begin), part)
             else:
                 dataset[rows, begin:end] = part
 
@@ -205,10 +200,10 @@ class MeasurementWriter:
             sizes = (min(_BLOCK[0], shape[0]), min(_BLOCK[1], shape[1]))
             options["chunks"] = (*sizes, *shape[2:])
         elif shape[0] > _BLOCK[0]:
-            options["chunks"] = (min(_ROWS, shape[0]), *shape[1:])
+            options["chunks"] = (min(ROWS, shape[0]), *shape[1:])
         if np.dtype(dtype).kind != "f" and "chunks" in options:
             # Small numbers that repeat; noise of floating-point numbers is not worth the time.
-            options |= {"compression": "gzip", "compression_opts": _DEFLATE, "shuffle": True}
+            options |= {"compression": "gzip", "compression_opts": DEFLATE, "shuffle": True}
         fill = np.nan if np.dtype(dtype).kind == "f" else 0
         dataset = self._file.create_dataset(name, shape, dtype, fillvalue=fill, **options)
         dataset.attrs["units"] = units
@@ -272,75 +267,6 @@ _DTYPES = {
 }
 
 
-def _write_block(dataset: h5py.Dataset, place: tuple[int, ...], values: Any) -> None:
-    """A whole block of a dataset as it lies in the file: HDF5's own way takes several times
-    as long.
-    """
-    data = np.ascontiguousarray(values, dtype=dataset.dtype)
-    stored: Any = data
-    if dataset.compression is not None:  # HDF5's filters "shuffle" and "deflate"
-        shuffled = data.reshape(-1).view(np.uint8).reshape(-1, data.itemsize).T
-        stored = zlib.compress(shuffled.tobytes(), _DEFLATE)
-    dataset.id.write_direct_chunk((*place, *[0] * (data.ndim - len(place))), stored)
-
-
-class _RowBuffer:
-    """Takes rows of several datasets alike, and writes them block by block."""
-
-    def __init__(self, datasets: Mapping[str, h5py.Dataset], total: int) -> None:
-        self._datasets, self._total = datasets, total
-        self._waiting: dict[str, list[Any]] = {}
-        self._first = self._count = 0
-
-    def add(self, values: Mapping[str, Any]) -> None:
-        """The next rows, by dataset."""
-        for name, rows in values.items():
-            self._waiting.setdefault(name, []).append(rows)
-        self._count += len(next(iter(values.values())))
-        if self._count >= _ROWS or self._first + self._count == self._total:
-            self._write()
-
-    def _write(self) -> None:
-        last = self._first + self._count == self._total
-        blocks = self._count // _ROWS
-        for name, parts in self._waiting.items():
-            dataset = self._datasets[name]
-            values = parts[0] if len(parts) == 1 else np.concatenate(parts)
-            if dataset.chunks is not None and dataset.chunks[0] == _ROWS:
-                for begin in range(0, blocks * _ROWS, _ROWS):
-                    rows = values[begin : begin + _ROWS]
-                    _write_block(dataset, (self._first + begin,), rows)
-                done = blocks * _ROWS
-            else:
-                done = 0
-            if last and done < self._count:
-                dataset[self._first + done : self._total] = values[done:]
-            self._waiting[name] = [values[blocks * _ROWS :]]
-        self._first += blocks * _ROWS
-        self._count -= blocks * _ROWS
-
-
-class _Flusher:
-    """Has what is written brought to the disk meanwhile, so that the end need not wait."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._until = path, 0
-        self._pool = ThreadPoolExecutor(1)
-        self._running: Future[None] | None = None
-
-    def written(self, stages: int) -> None:
-        """So many stages are written."""
-        if os.name != "posix" or stages - self._until < _FLUSH_STAGES:
-            return
-        if self._running is None or self._running.done():
-            self._until = stages
-            self._running = self._pool.submit(flush_file, self._path)
-
-    def close(self) -> None:
-        """No file is open any more."""
-        self._pool.shutdown()
-
-
 @contextlib.contextmanager
 def open_measurement_writer(
     path: str | os.PathLike[str], layout: MeasurementLayout
@@ -354,7 +280,7 @@ def open_measurement_writer(
     """
     with (
         atomic_path(path) as beside,
-        contextlib.closing(_Flusher(beside)) as flusher,
+        contextlib.closing(Flusher(beside)) as flusher,
         open_hdf5(beside) as (file, output),
     ):
         yield MeasurementWriter(file, layout, output, flusher)

@@ -32,7 +32,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import matching_peer as peer
@@ -243,74 +243,84 @@ def as_wrong_as(wrong, loose, stages):
     return least, sum(score(t, *s) for t, s in zip(kept, stages, strict=True))
 
 
+AT_HUNDRED, AT_TEN, ALL = (MatchingOptions(min_log_odds=float(np.log(k))) for k in (100, 10, 1))
+
+
+class Setting:
+    """One number of targets, calibration and number of cameras: what all stages give."""
+
+    def __init__(self, kind, count, with_peer):
+        self.kind, self.count, self.with_peer = kind, count, with_peer
+        self.hundred, self.ten = np.zeros(COUNTS), np.zeros(COUNTS)
+        self.peer, self.peer_times = np.zeros((3, COUNTS)), [[], [], []]
+        self.times, self.loose, self.judges = [], [], []
+
+    def add(self, s, truth, targets):
+        """A stage's matches, ours and the peer's."""
+        rig, covs = cameras(), [np.zeros((9, 9))] * 4
+        if self.kind == "drawn":
+            rig, covs = drawn(rig, np.random.default_rng(17 + s))
+        names = list(rig)[: self.count]
+        data = RigData(cameras={n: rig[n] for n in names})
+        own, places = targets[: self.count], truth[:, : self.count]
+        extra = [
+            calibration_covariance(rig[n], cov, t.centre_px)
+            for n, cov, t in zip(names, covs, own, strict=False)
+        ]
+        centres = [t.centre_px for t in own]
+        self.hundred += score(ours(data, own, extra, AT_HUNDRED)[0].target, centres, places)
+        runs = [ours(data, own, extra, AT_TEN) for _ in range(3)]
+        self.ten += score(runs[0][0].target, centres, places)
+        self.times.append(min(seconds for _, seconds in runs))
+        self.loose.append(match_stage(data, own, ALL, extra))
+        self.judges.append((centres, places))
+        if self.with_peer:
+            for k, (_, target, spent) in enumerate(theirs(data.cameras, own)):
+                self.peer[k] += score(target, centres, places)
+                self.peer_times[k].append(spent)
+
+    def show(self, stages, bar):
+        """The setting's lines."""
+        line("100:1", self.hundred, stages, min(self.times), bar)
+        line("10:1", self.ten, stages, min(self.times), bar)
+        if not self.with_peer:
+            return
+        best = int(np.argmax(self.peer[:, 0] - self.peer[:, -1]))
+        note = f"  (at {(0.25, 0.5, 1.0)[best]} px)"
+        line("OpenPTV", self.peer[best], stages, min(self.peer_times[best]), None, note)
+        if self.count == 2:
+            least, level = as_wrong_as(self.peer[best, -1], self.loose, self.judges)
+            note = f"  (min_log_odds {least:.2f})"
+            line("as wrong", level, stages, min(self.times), None, note)
+
+    def falsity(self):
+        """Stated probabilities, whether false, and the number of cameras, of all matches."""
+        stated = np.concatenate([f.false_probability for f in self.loose])
+        really = [judged(f.target, *j) < 0 for f, j in zip(self.loose, self.judges, strict=True)]
+        return stated, np.concatenate(really), np.full(len(stated), self.count)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stages", type=int, default=5)
     parser.add_argument("--sizes", type=int, nargs="*", default=list(BARS))
     parser.add_argument("--pictures", type=Path, help="write the reliability diagram here")
     args = parser.parse_args()
-    with_peer = peer.available()
-    everything = MatchingOptions(min_log_odds=0.0)
-    at_hundred, at_ten = (MatchingOptions(min_log_odds=float(np.log(k))) for k in (100, 10))
-    false, really, many = [], [], []
+    falsity = []
     for number in args.sizes:
         stages = [
             seen(number, np.random.default_rng(1000 * number + s)) for s in range(args.stages)
         ]
-        for kind in ("perfect", "drawn"):
-            for count in (4, 3, 2):
-                sums, ten, peer_sums = np.zeros(COUNTS), np.zeros(COUNTS), np.zeros((3, COUNTS))
-                times, peer_times, loose_ones, judges = [], [[], [], []], [], []
-                for s, (_, truth, targets) in enumerate(stages):
-                    rng = np.random.default_rng(17 + s)
-                    rig, covs = cameras(), [np.zeros((9, 9))] * 4
-                    if kind == "drawn":
-                        rig, covs = drawn(rig, rng)
-                    names = list(rig)[:count]
-                    data = RigData(cameras={n: rig[n] for n in names})
-                    own, places = targets[:count], truth[:, :count]
-                    extra = [
-                        calibration_covariance(rig[n], cov, t.centre_px)
-                        for n, cov, t in zip(names, covs, own, strict=False)
-                    ]
-                    centres = [t.centre_px for t in own]
-                    sums += score(ours(data, own, extra, at_hundred)[0].target, centres, places)
-                    runs = [ours(data, own, extra, at_ten) for _ in range(3)]
-                    ten += score(runs[0][0].target, centres, places)
-                    times.append(min(seconds for _, seconds in runs))
-                    loose = match_stage(data, own, everything, extra)
-                    false.append(loose.false_probability)
-                    really.append(judged(loose.target, centres, places) < 0)
-                    many.append(np.full(len(loose), count))
-                    loose_ones.append(loose)
-                    judges.append((centres, places))
-                    if with_peer:
-                        for k, (_, target, spent) in enumerate(theirs(data.cameras, own)):
-                            peer_sums[k] += score(target, centres, places)
-                            peer_times[k].append(spent)
-                bar = BARS.get(number) if count > 2 else None
-                print(
-                    f"N = {number}, {kind} calibration, {count} cameras, "
-                    f"{np.mean([len(t) for _, _, ts in stages for t in ts]):.0f} targets"
-                )
-                line("100:1", sums, args.stages, min(times), bar)
-                line("10:1", ten, args.stages, min(times), bar)
-                if with_peer:
-                    best = int(np.argmax(peer_sums[:, 0] - peer_sums[:, -1]))
-                    line(
-                        "OpenPTV",
-                        peer_sums[best],
-                        args.stages,
-                        min(peer_times[best]),
-                        None,
-                        f"  (at {(0.25, 0.5, 1.0)[best]} px)",
-                    )
-                    if count == 2:
-                        least, level = as_wrong_as(peer_sums[best, -1], loose_ones, judges)
-                        note = f"  (min_log_odds {least:.2f})"
-                        line("as wrong", level, args.stages, min(times), None, note)
-    if false:
-        stated, so, number = (np.concatenate(a) for a in (false, really, many))
+        mean = np.mean([len(t) for _, _, targets in stages for t in targets])
+        for kind, count in product(("perfect", "drawn"), (4, 3, 2)):
+            setting = Setting(kind, count, peer.available())
+            for s, (_, truth, targets) in enumerate(stages):
+                setting.add(s, truth, targets)
+            print(f"N = {number}, {kind} calibration, {count} cameras, {mean:.0f} targets")
+            setting.show(args.stages, BARS.get(number) if count > 2 else None)
+            falsity.append(setting.falsity())
+    if falsity:
+        stated, so, number = (np.concatenate(a) for a in zip(*falsity, strict=True))
         groups = {f"{n} cameras": number == n for n in (4, 3, 2)}
         reliability(stated, so, groups, args.pictures)
 

@@ -64,7 +64,7 @@ RingReading ReadRing(const GreySampler& picture, const TargetEdge& dot, const Co
                      ReadingDirection direction);
 
 /// Reads a ring whose code is known from the picture before, by four samples a sector in
-/// its middle: an eighth of what ReadRing looks at.
+/// its middle: a ninth of what ReadRing looks at.
 ///
 /// It is the same ring, with the ID, quality and confidence that it was read with, if every
 /// sector is bright or dark as it was (beyond 0.7 and below 0.35 of the bright ones' mean) and all

@@ -13,7 +13,7 @@ namespace videogrammetry {
 /// How targets are followed from frame to frame.
 struct TrackedOptions {
   /// Every so many frames the whole frame is searched, for what is new; 1: always. What is
-  /// known is followed there too, and at least every 100 frames found anew.
+  /// known is followed there too, and found anew at the first of these after 100 frames.
   int full_every = 100;
   /// How far a target may be from where it is expected, pixels; 1 ... 1000.
   double margin_px = 4.0;
@@ -41,10 +41,10 @@ struct TrackedFrame {
 /// of the whole frame's search: bit for bit the same, unless clutter that reaches into the window
 /// lets the search begin at another chord of the dot. Where a target is not found, a window three
 /// times as wide is searched; if it is not there either, the whole frame is, and so is one after a
-/// frame without targets, and one every hundred. Every `full_every`-th frame is searched beside
-/// the targets that are followed. A ring that was read before is looked
-/// at in every frame whether it is still the same (FollowRing), all others are read as in a whole
-/// search. Method "edge-pair" alone.
+/// frame without targets. Every `full_every`-th frame is searched beside the targets that are
+/// followed, and the first of these after a hundred frames as if nothing were known. A ring that
+/// was read before is looked at in every frame whether it is still the same (FollowRing), all
+/// others are read as in a whole search. Method "edge-pair" alone.
 class TrackedRecognizer {
  public:
   /// @param camera  learned from the first frame with targets if it is not given.

@@ -53,7 +53,8 @@ class TrackedOptions:
     ----------
     full_every : every so many frames the whole frame is searched for what is new, beside
         the targets that are followed there too; 1: always. At the first frame, where a
-        target was lost, and after every hundred it is searched as if nothing were known.
+        target was lost, and at the first of these after a hundred it is searched as if
+        nothing were known.
     margin_px : how far a target may be from where it is expected; 1 to 1000.
     """
 

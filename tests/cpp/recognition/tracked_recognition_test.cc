@@ -55,7 +55,8 @@ Picture<std::uint16_t> Moving(int frame, const Change& change = {}) {
 
 /// The same targets, with the error of a fit that has converged from wherever it began: what
 /// adds less than three hundredths to a sigma, sqrt(1 + 0.25^2) - 1, and a twentieth as a rule.
-/// Where the grey values or something close by lets the fits use other pixels, it is `most`.
+/// Where changed light or something close by lets the fits use other pixels of the plateaus, more:
+/// 0.4 adds less than eight hundredths.
 void ExpectSame(const std::vector<Target>& a, const std::vector<Target>& b, int frame,
                 double* squares, double most = 0.25) {
   ASSERT_EQ(a.size(), b.size()) << "frame " << frame;
